@@ -990,10 +990,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             return modes
         return list(map(settled, problems, modes))
 
-    def _opened(self, problems, modes):
+    def _opened(self, problems, modes, posteriors):
         if self.learning != "annealed":  # the paper's, of which nothing is open
             return modes
-        return list(map(with_open_rows, problems, modes))
+        return list(map(with_open_rows, problems, modes, posteriors))
 
     def _store(self, training, problems, modes, lower=()):
         super()._store(training, problems, modes, lower)

@@ -33,7 +33,7 @@ def known_rows():
     """
     with pytest.MonkeyPatch.context() as patch:
         path = "skmtgp.multitask.with_open_rows"
-        patch.setattr(path, lambda problem, mode: mode)
+        patch.setattr(path, lambda problem, mode, posterior: mode)
         yield
 
 

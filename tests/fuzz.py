@@ -175,7 +175,7 @@ class Case:
     def check_by_the_book(self, model):
         """Exact inference is the textbook's, where that has digits.
 
-        Variances of tasks with few rows are larger by what is open of their row of F.
+        Variances of tasks are larger by what is open of their rows of F.
         """
         exact = isinstance(model, BaseMultiTaskGP) and model.inference_ != "sparse"
         if not exact or model.hyperparameters_ == "sampled":

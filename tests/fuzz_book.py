@@ -103,10 +103,7 @@ def _wide(leeway, tasks):
     """Rows whose variances count what is open of theta, or of a row of F."""
     wide = np.zeros(len(tasks), dtype=bool)
     for of in leeway:
-        are_open = getattr(of, "are_open", np.ones(0, dtype=bool))
-        seen = tasks < len(are_open)
-        wide |= isinstance(of, OfTheta)
-        wide[seen] |= are_open[tasks[seen]]
+        wide |= isinstance(of, OfTheta) or tasks == of.task
     return wide
 
 

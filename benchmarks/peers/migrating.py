@@ -66,7 +66,7 @@ def main():
     envs, worst = parser.parse_args().envs, 0.0
     print("largest differences, in standard deviations")
     print(f"{'':10}{'mean':>10}{'std':>10}")
-    known_rows = patch("skmtgp.multitask.with_open_rows", lambda problem, mode: mode)
+    known_rows = patch("skmtgp.multitask.with_open_rows", lambda problem, mode, _: mode)
     with known_rows:
         found = [pair for page in PAGES for pair in pairs(page.read_text("utf-8"))]
     for peer, ours in found:

@@ -366,7 +366,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         likelihoods = [problem.likelihood_at(mode) for problem, mode in pairs]
         posteriors = self._posteriors_at(training, likelihoods, modes)
         if way in ("mode", "map"):
-            modes = self._opened(problems, modes)
+            modes = self._opened(problems, modes, posteriors)
         learned = training, problems[0].engine, likelihoods, modes, posteriors
         self._store_learned(*learned)
         self.hyperparameters_ = way
@@ -377,7 +377,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         """Modes as they are kept; a subclass may learn rows of small tasks again."""
         return modes
 
-    def _opened(self, problems, modes):
+    def _opened(self, problems, modes, posteriors):
         """Modes with what is open of rows of F; a subclass may have such rows."""
         return modes
 

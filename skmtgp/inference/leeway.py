@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skmtgp.inference.open_rows import OfRow, OpenRows
 from skmtgp.model.described import describes
 
 
@@ -30,10 +31,6 @@ class OfTheta(NamedTuple):
     """
 
     ends: np.ndarray
-
-    def widened(self, posterior, likelihood):
-        """The posterior whose variances count it."""
-        return Widened(posterior, likelihood, self.ends)
 
     def bordered(self, prior, theta, rows, *border):
         """The same once a task has joined by this border, see `Prior.bordered`.
@@ -77,15 +74,19 @@ def widened(posterior, likelihood, leeway):
         Of the mode.
     likelihood : Likelihood
         Where it comes from.
-    leeway : tuple of OfTheta or OfRows
+    leeway : tuple of OfTheta or OfRow
         What is open, see :mod:`skmtgp.inference.open_rows` too.
 
     Returns
     -------
     posterior : Posterior, Widened or OpenRows
     """
+    rows = [of for of in leeway if isinstance(of, OfRow)]
+    if rows:
+        posterior = OpenRows(posterior, likelihood, rows)
     for of in leeway:
-        posterior = of.widened(posterior, likelihood)
+        if isinstance(of, OfTheta):
+            posterior = Widened(posterior, likelihood, of.ends)
     return posterior
 
 

@@ -16,6 +16,9 @@ all samples, the variance of f(x) grows by
 .. math::
     r(x)^T C\, r(x), \quad r(x) = \mu(x) - G^T K^{-1} k(x), \quad
     C = (S^{-T} S^{-1} + G^T K^{-1} G)^{-1}.
+
+C is that of the samples from which l was learned. Samples that come later, or go,
+change r(x) alone, since l stays.
 """
 
 from copy import copy
@@ -27,22 +30,42 @@ from skmtgp._numerics.linalg import RESOLVED
 from skmtgp.model.population import factors_of, scale_of_open_row
 
 
-class Effect(NamedTuple):
-    """How f of a task varies with its row of F.
+class OfRow(NamedTuple):
+    """What is open of a task's row of F.
 
     Attributes
     ----------
-    information : ndarray of shape (rank, rank)
-        G^T K^{-1} G: what the samples tell of the row.
+    task : int
+        Position of the task.
+    axes : list of ndarray of shape (n_axes, rank)
+        A root of C, those of each term.
+    """
+
+    task: int
+    axes: list
+
+    def bordered(self, prior, theta, rows, own, position, log_noise):
+        """The same once a task has joined by this border, see `Prior.bordered`."""
+        return self._replace(task=self.task + (self.task >= position))
+
+    def with_row(self, prior, theta, rows, own, task):
+        """The same once another task has other rows of F."""
+        return self
+
+
+class Effect(NamedTuple):
+    """r(x), how f of a task varies with its row of F.
+
+    Attributes
+    ----------
     weights : ndarray of shape ([n_terms,] rank, n_inputs)
-        r(x) is a sum of k^x between x and inputs, with these weights,
+        It is a sum of k^x between x and inputs, with these weights,
     constants : ndarray of shape (rank,)
         and of these,
     of_trend : ndarray of shape (n_columns, rank) or None
         and of the columns of a trend, times its `root` and these, taken off.
     """
 
-    information: np.ndarray
     weights: np.ndarray
     constants: np.ndarray
     of_trend: np.ndarray = None
@@ -50,71 +73,11 @@ class Effect(NamedTuple):
     def along(self, axes):
         """The same along axes, an array of shape (n_axes, rank)."""
         of_trend = None if self.of_trend is None else self.of_trend @ axes.T
-        return Effect(
-            axes @ self.information @ axes.T,
-            axes @ self.weights,
-            axes @ self.constants,
-            of_trend,
-        )
+        return Effect(axes @ self.weights, axes @ self.constants, of_trend)
 
 
-class OfRows(NamedTuple):
-    """Whose rows of F are open.
-
-    Attributes
-    ----------
-    are_open : ndarray of shape (n_tasks,)
-        A mask.
-    """
-
-    are_open: np.ndarray
-
-    def bordered(self, prior, theta, rows, own, position, log_noise):
-        """The same once a task has joined; it is not open, see :func:`with_open`."""
-        return OfRows(np.insert(self.are_open, position, False))
-
-    def with_row(self, prior, theta, rows, own, task):
-        """The same once a task has another row, which is not open."""
-        are_open = self.are_open.copy()
-        are_open[task] = False
-        return OfRows(are_open)
-
-    def widened(self, posterior, likelihood):
-        """The posterior whose variances count it."""
-        return OpenRows(posterior, likelihood, self.are_open)
-
-
-def with_open(leeway, tasks, n_tasks):
-    """What is open with rows of F of some tasks.
-
-    Parameters
-    ----------
-    leeway : tuple of OfTheta or OfRows
-        What was open.
-    tasks : int or list of int
-        Which tasks.
-    n_tasks : int
-        Of all.
-
-    Returns
-    -------
-    leeway : tuple of OfTheta or OfRows
-        That of rows comes first: it is of a posterior of the mode itself.
-    """
-    are_open = np.zeros(n_tasks, dtype=bool)
-    are_open[tasks] = True
-    others = tuple(of for of in leeway if not isinstance(of, OfRows))
-    for of in leeway:
-        if isinstance(of, OfRows):
-            are_open |= of.are_open
-    return (OfRows(are_open), *others)
-
-
-class OpenRows:
-    """A posterior of f whose variances count what is open of rows of F.
-
-    Means are those of the mode. What is open of a row widens the variances of its task
-    alone. It is computed when a variance that needs it is asked for.
+def open_rows(posterior, likelihood, tasks):
+    """What is open of rows of F that were learned from the samples.
 
     Parameters
     ----------
@@ -122,12 +85,60 @@ class OpenRows:
         Of the mode.
     likelihood : Likelihood
         Where it comes from.
-    are_open : ndarray of shape (n_tasks,)
-        Whose rows are open, a mask.
+    tasks : list of int
+        Whose rows; nothing is open of one in which other tasks have no part.
+
+    Returns
+    -------
+    leeway : tuple of OfRow
+    """
+    factors = factors_of(posterior.prior, posterior.theta)
+    F, found = np.hstack(factors), []
+    several = np.count_nonzero(F, axis=0) > 1  # others are a task's own
+    if not several.any():
+        return ()
+    ends = np.cumsum([of.shape[1] for of in factors])[:-1]
+    sizes = _sizes(posterior, likelihood, factors)[several]
+    informations = posterior.informations(tasks, factors, likelihood)
+    for task, information in zip(tasks, informations, strict=True):
+        others = np.delete(F[:, several], task, axis=0)
+        scale = np.zeros((F.shape[1], len(sizes)))
+        scale[several] = scale_of_open_row(others * sizes) / sizes[:, None]
+        values, vectors = np.linalg.eigh(scale.T @ information @ scale)
+        axes = (scale @ vectors / np.sqrt(1.0 + np.maximum(values, 0.0))).T
+        found.append(OfRow(task, np.split(axes, ends, axis=1)))
+    return tuple(found)
+
+
+def _sizes(posterior, likelihood, factors):
+    """Deviations of the latent functions, which make columns of terms comparable."""
+    of_terms = zip(posterior.terms, factors, strict=True)
+    sizes = [
+        np.full(F.shape[1], np.sqrt(kernel.diag(likelihood.inputs).mean()))
+        for (kernel, _), F in of_terms
+    ]
+    return np.concatenate(sizes)
+
+
+class OpenRows:
+    """A posterior of f whose variances count what is open of rows of F.
+
+    Means are those of the mode. What is open of a row widens the variances of its task
+    alone. How it does is computed when a variance that needs it is asked for.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the mode.
+    likelihood : Likelihood
+        Where it comes from.
+    rows : list of OfRow
+        What is open.
     """
 
-    def __init__(self, posterior, likelihood, are_open):
-        self.posterior, self.likelihood, self.are_open = posterior, likelihood, are_open
+    def __init__(self, posterior, likelihood, rows):
+        self.posterior, self.likelihood = posterior, likelihood
+        self.axes = {of.task: of.axes for of in rows}
         self.of_data, self.effects = posterior, {}  # it knows tasks with data alone
 
     def __getattr__(self, name):
@@ -151,19 +162,17 @@ class OpenRows:
         if task not in self.effects:
             factors = factors_of(self.of_data.prior, self.of_data.theta)
             effect = self.of_data.effect_of_row(task, factors, self.likelihood)
-            scale = scale_of_open_row(np.delete(np.hstack(factors), task, axis=0))
-            precision = scale.T @ effect.information @ scale
-            precision[np.diag_indices(len(precision))] += 1.0
-            axes = np.linalg.solve(np.linalg.cholesky(precision), scale.T)
+            pairs = zip(self.axes[task], factors, strict=True)
+            axes = np.hstack([_padded(axes, F.shape[1]) for axes, F in pairs])
             effect, along = effect.along(axes), copy(self.of_data)
             along.weights, along.levels = effect.weights, effect.constants
             self.effects[task] = along, effect.of_trend
         return self.effects[task]
 
     def _spread(self, X, tasks):
-        """Of each task that is open its rows, and what f varies by, (rank, n_rows)."""
+        """Rows of each task that is open, and what f varies by, (n_axes, n_rows)."""
         for task in np.unique(tasks):
-            if task < len(self.are_open) and self.are_open[task]:
+            if task in self.axes:
                 rows = np.flatnonzero(tasks == task)
                 yield rows, self._along_axes(X[rows], task)
 
@@ -205,6 +214,12 @@ class OpenRows:
 
     def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too; this one stays as it is."""
-        widened = copy(self)
+        widened = object.__new__(OpenRows)
+        vars(widened).update(vars(self))  # the effects, too
         widened.posterior = self.posterior.with_unseen(n_unseen, described)
         return widened
+
+
+def _padded(axes, rank):
+    """Axes with zeros for columns that tasks had to themselves when they joined."""
+    return np.pad(axes, [(0, 0), (0, rank - axes.shape[1])])

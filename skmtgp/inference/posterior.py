@@ -351,13 +351,13 @@ class Posterior(WithUnseen, ABC):
         K_x, _ = bound.against(X).block(*(slice(0, size) for size in shape))
         return np.broadcast_to(K_x, shape)  # which nobody can write to
 
-    def effect_of_row(self, task, factors, likelihood):
-        """How f of a task varies with its row of F.
+    def informations(self, tasks, factors, likelihood):
+        """G^T K^{-1} G of some tasks: what the samples tell of their rows of F.
 
         Parameters
         ----------
-        task : int
-            The task.
+        tasks : list of int
+            The tasks.
         factors : list of ndarray of shape (n_tasks, rank)
             F of each term.
         likelihood : Likelihood
@@ -365,19 +365,38 @@ class Posterior(WithUnseen, ABC):
 
         Returns
         -------
-        effect : Effect
+        informations : list of ndarray of shape (rank, rank)
         """
-        rows = np.flatnonzero(self.tasks == task)
+        latent = self._latent_functions(factors)
+        halves = [
+            self.solve(self._values(latent, task, likelihood))[0] for task in tasks
+        ]
+        return [half.T @ half for half in halves]
+
+    def effect_of_row(self, task, factors, likelihood):
+        """How f of a task varies with its row of F, an Effect; see `informations`."""
+        latent = self._latent_functions(factors)
+        G = self._values(latent, task, likelihood)
+        _, solved, of_trend = self.solve(G)
+        explained = self.weights_of(self.K_rho[..., [task], :], solved.T)
+        constants = -self.level * solved[self.tasks == task].sum(axis=0)
+        return Effect(latent.weights - explained, constants, of_trend)
+
+    def _latent_functions(self, factors):
+        """A posterior whose means are those of the latent functions of all terms."""
+        _ = self.bound  # is made once, before the copy
         latent = copy(self)
         latent.weights = self.weights_of(_side_by_side(factors, self.K_rho), self.alpha)
-        rank = latent.weights.shape[-2]
-        latent.levels, G = np.zeros(rank), np.zeros((len(self.tasks), rank))
+        latent.levels = np.zeros(latent.weights.shape[-2])
+        return latent
+
+    def _values(self, latent, task, likelihood):
+        """G: those means at the training rows of a task, zero at other rows."""
+        rows, rank = np.flatnonzero(self.tasks == task), len(latent.levels)
+        G = np.zeros((len(self.tasks), rank))
         if len(rows):
             G[rows] = latent.mean_of_tasks(likelihood.X[rows], np.arange(rank))
-        half, solved, of_trend = self.solve(G)
-        explained = self.weights_of(self.K_rho[..., [task], :], solved.T)
-        constants = -self.level * solved[rows].sum(axis=0)
-        return Effect(half.T @ half, latent.weights - explained, constants, of_trend)
+        return G
 
     def noise_of_rows(self):
         """Noise variance of each training row, (n_train,)."""

@@ -348,27 +348,52 @@ class SparsePosterior(WithUnseen):
         told = noise * share / left
         return np.stack([error / np.abs(left), told, rest, prior, noise, left / noise])
 
+    def informations(self, tasks, factors, likelihood):
+        """What the samples tell of rows of F, see Posterior; by sums over them."""
+        jitter = self.noise[0] - self.prior.values(self.theta).noise[0]
+        _, weights = likelihood.forward(self.theta, jitter=jitter)
+        free, found = self._free(factors), []
+        for task in tasks:
+            G, of_latent, between = self._regressed(task, free)
+            # by a root: without noise an inverse would leave no digits
+            half = weights.cholesky.half_solve(between.reshape(-1, len(free)))
+            information = G @ of_latent - half.T @ half
+            if self.told is not None:
+                of_trend = self.of_columns[:, task] @ G.T
+                information -= of_trend.T @ of_trend
+            found.append(information)
+        return found
+
     def effect_of_row(self, task, factors, likelihood):
-        """How f of a task varies with its row of F, see Posterior; by sums alone."""
-        loadings, covariances = self.loadings, self.covariances
-        ends = zip(loadings.columns, factors, strict=True)  # a shared one comes first
-        free = np.concatenate(
-            [np.arange(of.stop - F.shape[1], of.stop) for of, F in ends]
-        )
-        G, of_latent = self._in_features(self.V)[free], self.by_latent[task][:, free]
-        between = loadings.of_latent(of_latent) * loadings.F[task][:, None, None]
-        solved = np.tensordot(covariances.inverse, between, ([1, 3], [0, 1]))
-        information = G @ of_latent - np.tensordot(between, solved, ([0, 1], [0, 1]))
-        at = G.T - self._of_task(task, solved)
-        if task in covariances.keep:
-            at = covariances.keep[task].T @ at
-        constants, of_trend = -covariances.taken[task] @ at, None
+        """How f of a task varies with its row of F, see Posterior."""
+        G, _, between = self._regressed(task, self._free(factors))
+        solved = np.tensordot(self.covariances.inverse, between, ([1, 3], [0, 1]))
+        at, of_trend = G.T - self._of_task(task, solved), None
+        if task in self.covariances.keep:
+            at = self.covariances.keep[task].T @ at
+        constants = -self.covariances.taken[task] @ at
         if self.told is not None:
             of_trend = self.of_columns[:, task] @ G.T
-            information -= of_trend.T @ of_trend
             at += self.told.omega[:, task].T @ of_trend
             constants += self.told.levels[:, task] @ of_trend
-        return Effect(information, self.features.pull_back(at).T, constants, of_trend)
+        return Effect(self.features.pull_back(at).T, constants, of_trend)
+
+    def _free(self, factors):
+        """Which latent functions have columns of F; a shared one comes before them."""
+        pairs = zip(self.loadings.columns, factors, strict=True)
+        parts = [np.arange(of.stop - F.shape[1], of.stop) for of, F in pairs]
+        return np.concatenate(parts)
+
+    def _regressed(self, task, free):
+        """Latent functions as targets of a task.
+
+        Their weights, (rank, p); what the rows say of them, (p, rank); and that of each
+        latent function, (n_latent, n_inducing, rank).
+        """
+        of_latent = self.by_latent[task][:, free]
+        between = self.loadings.of_latent(of_latent)
+        between = between * self.loadings.F[task][:, None, None]
+        return self._in_features(self.V)[free], of_latent, between
 
     def _of_task(self, task, of_latent):
         """Sums of the latent functions of a task, (n_features, n_sums)."""

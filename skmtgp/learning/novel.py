@@ -17,7 +17,7 @@ from skmtgp._numerics.hmc import sample
 from skmtgp._numerics.newton import minimize_all
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
-from skmtgp.inference.open_rows import with_open
+from skmtgp.inference.open_rows import OfRow
 from skmtgp.learning.problem import Mode
 from skmtgp.learning.tuning import TUNING
 from skmtgp.model.population import factors_of, mean_square, scale_of_rows
@@ -71,7 +71,7 @@ def learn_novel(
         What is known of the noise of its rows.
     trend : Trend, default=None
         Of all tasks, the novel one counted, if there is a trend.
-    leeway : tuple of OfTheta or OfRows, default=()
+    leeway : tuple of OfTheta or OfRow, default=()
         What is open of theta.
     rng : Generator, default=None
         Where an informed border is drawn from its posterior, not the mode: the source
@@ -105,13 +105,14 @@ def learn_novel(
         posed = Posed(border, np.hstack(factors))
         best = learn_border(posed, budget, informed=informed, rng=rng)
         value = border.value(best.x)
+        of_row = ()
+        if informed and rng is None:
+            of_row = leeway_of(posed, best.x, position)
     rows, of_own = by_terms(border, best.x, len(factors))
     log_noise = log_noise if own_noise else None
     new = rows, of_own, position, log_noise
-    leeway = tuple(of.bordered(prior, theta, *new) for of in leeway)
+    leeway = tuple(of.bordered(prior, theta, *new) for of in leeway) + of_row
     prior, theta = prior.bordered(theta, *new)
-    if informed and rng is None and border.rank:
-        leeway = with_open(leeway, position, prior.n_tasks)
     seconds = perf_counter() - begin
     return prior, Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
 
@@ -144,7 +145,7 @@ def learn_again(
         See :func:`learn_novel`.
     task : int
         Position of the task.
-    leeway : tuple of OfTheta or OfRows, default=()
+    leeway : tuple of OfTheta or OfRow, default=()
         What is open of theta, this row of F counted.
 
     Returns
@@ -156,14 +157,16 @@ def learn_again(
     with limit_threads(len(y)):
         posed, alone = posed_again(prior, posterior, theta, X, y, task, known)
         best = learn_border(posed, budget, informed=informed, rng=rng)
-        value = posed.border.value(best.x)
+        value, of_row = posed.border.value(best.x), ()
+        if informed and rng is None:
+            of_row = leeway_of(posed, best.x, task)
     rows, own = by_terms(posed.border, best.x, prior.n_terms)
     rows = [_widened(*of) for of in zip(rows, alone, strict=True)]
     for row, w, column in zip(rows, own, alone, strict=True):
         row[column] = w
-    leeway = tuple(of.with_row(prior, theta, rows, own, task) for of in leeway)
-    if informed and rng is None and posed.border.rank:
-        leeway = with_open(leeway, task, prior.n_tasks)
+    of_row = with_columns(of_row, alone)
+    kept = (of for of in leeway if getattr(of, "task", None) != task)
+    leeway = tuple(of.with_row(prior, theta, rows, own, task) for of in kept) + of_row
     theta, seconds = prior.with_row(theta, rows, own, task), perf_counter() - begin
     return Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
 
@@ -190,6 +193,14 @@ def posed_again(prior, posterior, theta, X, y, task, known=None):
     of_terms["level"] = values.level
     border = BorderLikelihood(posterior, others, X, y, noise, **of_terms)
     return Posed(border, np.delete(np.hstack(others), task, axis=0)), alone
+
+
+def with_columns(leeway, alone):
+    """What is open of a row, with zeros for the columns that the task has to itself."""
+    return tuple(
+        of._replace(axes=[_widened(*axes) for axes in zip(of.axes, alone, strict=True)])
+        for of in leeway
+    )
 
 
 def _column_of(task, F):
@@ -475,6 +486,35 @@ def learn_border(posed, budget, *, informed, rng=None):
         n_evaluations += chain.n_evaluations
         best = best._replace(x=chain.draws[-1])
     return best._replace(x=rows.row(best.x), n_evaluations=n_evaluations)
+
+
+def leeway_of(posed, x, task):
+    """What the samples and the prior leave open of a row of F, by Laplace's method.
+
+    Parameters
+    ----------
+    posed : Posed
+        See :func:`learn_border`.
+    x : ndarray of shape (rank,), or (rank + 1,) with w last
+        The row that was learned.
+    task : int
+        Position of the task.
+
+    Returns
+    -------
+    leeway : tuple of OfRow
+        One, or none where there is no l, or no information: targets that are all zero.
+    """
+    border, rows = posed.border, posed.rows
+    information = posed.information(rows.coordinates(x))
+    if not (border.rank and np.isfinite(information).all()):
+        return ()
+    covariance = np.linalg.inv(information)
+    covariance = (rows.scale @ covariance @ rows.scale.T)[: border.rank, : border.rank]
+    values, vectors = np.linalg.eigh(covariance)
+    axes = (np.sqrt(np.maximum(values, 0.0)) * vectors).T
+    of_l = border.of_term[: border.rank]
+    return (OfRow(task, [axes[:, of_l == q] for q in range(len(border.K_x))]),)
 
 
 def _follow_together(posed, informed, starts, upper, budget):

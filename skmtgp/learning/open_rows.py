@@ -3,11 +3,12 @@
 import numpy as np
 
 from skmtgp._data.dask import is_dask
-from skmtgp.inference.open_rows import with_open
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp.inference.open_rows import open_rows
 from skmtgp.learning.settling import has_rows
 
 
-def with_open_rows(problem, mode):
+def with_open_rows(problem, mode, posterior):
     """The mode with open rows of F, of all tasks that have rows of data.
 
     Parameters
@@ -16,6 +17,8 @@ def with_open_rows(problem, mode):
         What was learned.
     mode : Mode
         What was found.
+    posterior : Posterior
+        At this mode.
 
     Returns
     -------
@@ -28,4 +31,7 @@ def with_open_rows(problem, mode):
     tasks = np.arange(data.n_tasks) if is_dask(data.X) else np.unique(data.tasks)
     if len(tasks) < 2:
         return mode
-    return mode._replace(leeway=with_open(mode.leeway, tasks, data.n_tasks))
+    likelihood = problem.likelihood_at(mode)
+    with limit_threads(likelihood.side):
+        found = open_rows(posterior, likelihood, tasks.tolist())
+    return mode._replace(leeway=mode.leeway + found)

@@ -297,7 +297,7 @@ class Mode(NamedTuple):
         Inducing inputs, if its value is a bound.
     rivals : tuple of Rival, default=()
         Nearly as good modes of the same model that it was preferred to.
-    leeway : tuple of OfTheta or OfRows, default=()
+    leeway : tuple of OfTheta or OfRow, default=()
         What is open of theta, see :mod:`skmtgp.inference.leeway`.
     """
 

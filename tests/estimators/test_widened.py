@@ -272,8 +272,8 @@ class TestRowsOfFactors:
         """One that joins before the other changes its position."""
         first = mode.add_task(NEW, OF_NEW)
         both = first.add_task(NEW - [0.0, 9.0], -OF_NEW)  # its label is the least
-        [[opened]] = both._leeway
-        assert opened.are_open.tolist() == [True, False, False, False, True]
+        [of_first, of_second] = both._leeway[0]
+        assert (of_first.task, of_second.task) == (4, 0)
         found = [of.predict(NEW, return_std=True)[1] for of in (first, both)]
         np.testing.assert_allclose(*found, rtol=0.2)
 

@@ -13,11 +13,11 @@ import pytest
 import sparse_terms
 import textbook
 from pairs import in_pairs
-from sklearn.gaussian_process.kernels import RBF
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from trend_models import NEW, OF_NEW, TERMS, M, by_hand, draw, make, make_trend
 
 from skmtgp.inference.leeway import widened
-from skmtgp.inference.open_rows import OfRows, OpenRows, with_open
+from skmtgp.inference.open_rows import OfRow, open_rows
 from skmtgp.model.population import factors_of, scale_of_open_row
 from skmtgp.model.task_covariance import low_rank
 
@@ -65,10 +65,21 @@ class Book:
             found.append(K_x @ (F[tasks] * alpha[:, None]))
         return np.hstack(found)
 
+    def scale(self, task):
+        """S, which is in units of the latent functions."""
+        X = self.rows[0] if self.Z is False else self.Z
+        sizes = np.concatenate(
+            [
+                np.full(F.shape[1], np.sqrt(np.trace(k(X)) / len(X)))
+                for F, (k, _) in zip(self.factors, self.book.terms, strict=True)
+            ]
+        )
+        others = np.delete(np.hstack(self.factors), task, axis=0)
+        return scale_of_open_row(others * sizes) / sizes[:, None]
+
     def opened(self, task, X, tasks, of_X, of_tasks):
         """What the prior covariance has more if the row of a task is open."""
-        F = np.hstack(self.factors)
-        scale = scale_of_open_row(np.delete(F, task, axis=0))
+        scale = self.scale(task)
         left = (tasks == task)[:, None] * self.latents(X) @ scale
         right = (of_tasks == task)[:, None] * self.latents(of_X) @ scale
         return left @ right.T
@@ -96,9 +107,11 @@ class Book:
         return found[self.rows[1] == task]
 
 
-def opened(likelihood, theta):
-    are_open = np.ones(likelihood.prior.n_tasks, dtype=bool)
-    return OpenRows(likelihood.posterior(theta), likelihood, are_open)
+def opened(likelihood, theta, tasks=None):
+    posterior = likelihood.posterior(theta)
+    tasks = range(likelihood.prior.n_tasks) if tasks is None else tasks
+    leeway = open_rows(posterior, likelihood, tasks)
+    return widened(posterior, likelihood, leeway)
 
 
 def check(likelihood, theta, new, of_new):
@@ -181,13 +194,15 @@ def test_novel_tasks_beside_complete_data(levels):
     check(likelihood, theta_of(likelihood.prior), new, np.arange(12) % 6)
 
 
-def test_next_to_no_noise():
+@pytest.mark.parametrize("rank", [2, 4])
+def test_next_to_no_noise(rank):
     """Variances are still what the data leave open."""
     X, tasks, y = complete()
+    given, form = (X, tasks, y), low_rank(4, rank)
     models = [
-        building.dense(RBF(1.0), low_rank(4, 2), X, tasks, y),
-        building.kronecker(RBF(1.0), low_rank(4, 2), X, tasks, y),
-        building.sparse(RBF(1.0), low_rank(4, 2), X, tasks, y, np.unique(X)[:, None]),
+        building.dense(RBF(1.0), form, *given),
+        building.kronecker(RBF(1.0), form, *given),
+        building.sparse(RBF(1.0), form, *given, np.unique(X)[:, None]),
     ]
     theta = theta_of(models[0].prior)
     theta[-1], new = np.log(1e-8), np.linspace(-1.0, 7.0, 9)[:, None]
@@ -199,7 +214,7 @@ def test_next_to_no_noise():
 
 def test_some_tasks_are_open():
     likelihood, theta = make(TERMS["one"])
-    found = widened(likelihood.posterior(theta), likelihood, (OfRows([0, 1, 0]),))
+    found = opened(likelihood, theta, [1])
     variance, least = (
         of.variance(NEW, OF_NEW) for of in (found, likelihood.posterior(theta))
     )
@@ -256,15 +271,55 @@ def test_nothing_is_computed_before_it_is_asked_for():
     np.testing.assert_array_equal(pickle.loads(known).variance(NEW, OF_NEW), variance)
 
 
-def test_tasks_join_and_get_other_rows():
-    """The position of a task moves with those before it."""
+def test_units_of_terms_do_not_matter():
+    """Amplitudes of kernels, times rows of F that are as much smaller."""
+    terms, found = TERMS["two"], []
+    for amplitude in (1.0, 1e6):
+        kernels = ConstantKernel(1.0, "fixed"), ConstantKernel(amplitude, "fixed")
+        given = [(a * k, form) for a, (k, form) in zip(kernels, terms, strict=True)]
+        likelihood, theta = make(given)
+        second = likelihood.prior.of_factors[1]
+        theta[second] /= np.sqrt(amplitude)
+        found.append(opened(likelihood, theta).variance(NEW, OF_NEW))
+    np.testing.assert_allclose(*found, rtol=1e-6)
+
+
+def test_a_column_that_one_task_has_is_not_open():
     likelihood, theta = make(TERMS["one"])
-    leeway = with_open((), [2], M)
-    border = [np.zeros(2)], [None], 1, None
-    joined = [of.bordered(likelihood.prior, theta, *border) for of in leeway]
-    assert joined[0].are_open.tolist() == [False, False, False, True]
-    [both] = with_open(tuple(joined), 1, M + 1)
-    assert both.are_open.tolist() == [False, True, False, True]
-    closed = both.with_row(likelihood.prior, theta, [np.zeros(2)], [None], 3)
-    assert closed.are_open.tolist() == [False, True, False, False]
-    assert both.are_open[3]
+    F = theta[likelihood.prior.of_factor].reshape(M, 2)
+    F[:2, 1] = 0.0
+    theta[likelihood.prior.of_factor] = F.ravel()
+    leeway = open_rows(likelihood.posterior(theta), likelihood, range(M))
+    assert all((of.axes[0][:, 0] != 0.0).all() for of in leeway)
+    assert all((of.axes[0][:, 1] == 0.0).all() for of in leeway)
+    F[1] = F[2] = 0.0
+    theta[likelihood.prior.of_factor] = F.ravel()
+    assert open_rows(likelihood.posterior(theta), likelihood, range(M)) == ()
+
+
+def test_rows_that_have_gone_are_not_forgotten():
+    """What is open is that of the rows from which it was learned."""
+    likelihood, theta = make(TERMS["one"])
+    kept = np.arange(len(likelihood.y)) % 3 > 0
+    rows = [of[kept] for of in (likelihood.X, likelihood.tasks, likelihood.y)]
+    fewer, _ = make(TERMS["one"], rows=rows)
+    leeway = opened(likelihood, theta).axes
+    leeway = tuple(OfRow(task, axes) for task, axes in leeway.items())
+    learned, again = (
+        widened(fewer.posterior(theta), fewer, leeway).variance(NEW, OF_NEW),
+        opened(fewer, theta).variance(NEW, OF_NEW),
+    )
+    assert (learned < again).all()
+
+
+def test_a_task_with_a_column_of_its_own_has_joined():
+    likelihood, theta = make(TERMS["one"])
+    leeway = open_rows(likelihood.posterior(theta), likelihood, range(M))
+    larger = low_rank(M, 3)
+    joined = building.dense(TERMS["one"][0][0], larger, *draw(), n_noise=1, levels=True)
+    wider = np.insert(theta, likelihood.prior.of_factor.nonzero()[0][1::2] + 1, 0.0)
+    found = [
+        widened(of.posterior(at), of, leeway).variance(NEW, OF_NEW)
+        for of, at in ((likelihood, theta), (joined, wider))
+    ]
+    np.testing.assert_allclose(*found, rtol=1e-10)

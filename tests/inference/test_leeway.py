@@ -9,7 +9,7 @@ import textbook
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp.inference.leeway import OfTheta, widened
-from skmtgp.inference.open_rows import OfRows
+from skmtgp.inference.open_rows import OfRow
 from skmtgp.model.task_covariance import low_rank
 
 N_TASKS, RANK, ROW = 3, 2, 1
@@ -52,7 +52,7 @@ def whole(theta, n_axes=4):
     return OfTheta(np.stack([theta + away, theta - away], axis=1))
 
 
-OF_ROW = OfRows(np.arange(N_TASKS) == ROW)
+OF_ROW = OfRow(ROW, [np.array([[0.3, 0.1], [-0.1, 0.2]])])
 
 
 def opened(likelihood, *leeway):
@@ -95,7 +95,7 @@ def test_all_of_theta(name):
 def test_both_kinds_add_up():
     likelihood = dense()
     of_theta = whole(theta_of(likelihood))
-    both = opened(likelihood, OF_ROW, of_theta).variance(Z, OF_Z)
+    both = opened(likelihood, of_theta, OF_ROW).variance(Z, OF_Z)
     least = likelihood.posterior(theta_of(likelihood)).variance(Z, OF_Z)
     parts = [opened(likelihood, of).variance(Z, OF_Z) for of in (of_theta, OF_ROW)]
     np.testing.assert_allclose(both, sum(parts) - least, rtol=1e-10)
@@ -207,5 +207,6 @@ def test_a_task_joins(own):
         np.testing.assert_allclose(
             K_rho[position, known], sum_of @ turned @ of_F.T, atol=1e-10
         )
-    joined = OF_ROW.bordered(prior, theta, *border)
-    assert joined.are_open.tolist() == [False, False, True, False]
+    assert OF_ROW.bordered(prior, theta, *border).task == ROW + 1
+    border = *border[:2], ROW + 1, None
+    assert OF_ROW.bordered(prior, theta, *border).task == ROW

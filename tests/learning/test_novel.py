@@ -15,6 +15,7 @@ from skmtgp.learning.novel import (
     Posed,
     learn_border,
     learn_novel,
+    leeway_of,
 )
 from skmtgp.learning.problem import Budget
 from skmtgp.learning.tuning import Tuning
@@ -286,3 +287,13 @@ def test_parameters_of_the_extended_model(position, diagonal, per_task, own, inf
     assert mode.n_evaluations > mode.n_iter > 0
     assert mode.converged
     assert mode.seconds > 0.0
+
+
+def test_nothing_is_open_where_nothing_is_known(monkeypatch):
+    """Targets that are all zero have a factor of zero, and no information."""
+    problem = Problem()
+    posed = Posed(problem.border(), problem.F)
+    assert len(leeway_of(posed, problem.row, M)) == 1
+    nothing = np.full((RANK, RANK), np.nan)
+    monkeypatch.setattr(posed, "information", lambda u: nothing)
+    assert leeway_of(posed, problem.row, M) == ()

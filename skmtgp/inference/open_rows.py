@@ -111,10 +111,10 @@ def open_rows(posterior, likelihood, tasks):
 
 
 def _sizes(posterior, likelihood, factors):
-    """Deviations of the latent functions, which make columns of terms comparable."""
+    """Deviations of latent functions, which make columns of terms comparable."""
     of_terms = zip(posterior.terms, factors, strict=True)
     sizes = [
-        np.full(F.shape[1], np.sqrt(kernel.diag(likelihood.inputs).mean()))
+        np.full(F.shape[1], np.sqrt(kernel.diag(likelihood.inputs).mean()) or 1.0)
         for (kernel, _), F in of_terms
     ]
     return np.concatenate(sizes)

@@ -26,7 +26,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp._numerics.linalg import RESOLVED
 from skmtgp.model.population import factors_of, scale_of_open_row
 
 
@@ -102,12 +101,27 @@ def open_rows(posterior, likelihood, tasks):
     informations = posterior.informations(tasks, factors, likelihood)
     for task, information in zip(tasks, informations, strict=True):
         others = np.delete(F[:, several], task, axis=0)
-        scale = np.zeros((F.shape[1], len(sizes)))
-        scale[several] = scale_of_open_row(others * sizes) / sizes[:, None]
-        values, vectors = np.linalg.eigh(scale.T @ information @ scale)
-        axes = (scale @ vectors / np.sqrt(1.0 + np.maximum(values, 0.0))).T
+        axes = np.zeros((len(sizes), F.shape[1]))
+        axes[:, several] = axes_of(information[np.ix_(several, several)], others, sizes)
         found.append(OfRow(task, np.split(axes, ends, axis=1)))
     return tuple(found)
+
+
+def axes_of(information, others, sizes):
+    """A root of C, of shape (n_axes, rank).
+
+    Parameters
+    ----------
+    information : ndarray of shape (rank, rank)
+        G^T K^{-1} G.
+    others : ndarray of shape (n_others, rank)
+        Rows of F of the other tasks.
+    sizes : ndarray of shape (rank,)
+        Deviations of the latent functions.
+    """
+    scale = scale_of_open_row(others * sizes) / sizes[:, None]
+    values, vectors = np.linalg.eigh(scale.T @ information @ scale)
+    return (scale @ vectors / np.sqrt(1.0 + np.maximum(values, 0.0))).T
 
 
 def _sizes(posterior, likelihood, factors):
@@ -202,14 +216,14 @@ class OpenRows:
     def leave_one_out(self, include_noise=False):
         """Each training sample predicted from the others, see Posterior.
 
-        With open rows [K^{-1}]_ii is less by r^T C r / sigma^4, with the r of x_i.
+        r(x_i) without the sample is r(x_i) times v / sigma^2, if v is the variance of
+        y_i given the others. C stays.
         """
         residual, variance = self.posterior.leave_one_out(include_noise)
         precision, noise = self.of_data.precision(), self.of_data.noise_of_rows()
         for rows, spread in self._spread(self.likelihood.X, self.likelihood.tasks):
-            v = 1.0 / precision[rows]
-            told = v * np.square(spread / noise[rows]).sum(axis=0)
-            variance[rows] += v * told / np.maximum(1.0 - told, RESOLVED)
+            times = 1.0 / (precision[rows] * noise[rows])
+            variance[rows] += np.square(times * spread).sum(axis=0)
         return residual, variance
 
     def with_unseen(self, n_unseen, described=None):

@@ -17,7 +17,7 @@ from skmtgp._numerics.hmc import sample
 from skmtgp._numerics.newton import minimize_all
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
-from skmtgp.inference.open_rows import OfRow
+from skmtgp.inference.open_rows import OfRow, axes_of
 from skmtgp.learning.problem import Mode
 from skmtgp.learning.tuning import TUNING
 from skmtgp.model.population import factors_of, mean_square, scale_of_rows
@@ -489,7 +489,7 @@ def learn_border(posed, budget, *, informed, rng=None):
 
 
 def leeway_of(posed, x, task):
-    """What the samples and the prior leave open of a row of F, by Laplace's method.
+    """What the samples and the other tasks leave open of a row of F.
 
     Parameters
     ----------
@@ -503,18 +503,18 @@ def leeway_of(posed, x, task):
     Returns
     -------
     leeway : tuple of OfRow
-        One, or none where there is no l, or no information: targets that are all zero.
+        One, see :mod:`skmtgp.inference.open_rows`, or none where there is no l, or no
+        information: targets that are all zero.
     """
-    border, rows = posed.border, posed.rows
-    information = posed.information(rows.coordinates(x))
+    border, n_terms = posed.border, len(posed.border.K_x)
+    information, _ = border.weighted(x)
     if not (border.rank and np.isfinite(information).all()):
         return ()
-    covariance = np.linalg.inv(information)
-    covariance = (rows.scale @ covariance @ rows.scale.T)[: border.rank, : border.rank]
-    values, vectors = np.linalg.eigh(covariance)
-    axes = (np.sqrt(np.maximum(values, 0.0)) * vectors).T
     of_l = border.of_term[: border.rank]
-    return (OfRow(task, [axes[:, of_l == q] for q in range(len(border.K_x))]),)
+    variances = [np.mean(np.diagonal(K_x)) for K_x in border.K_x]
+    sizes = np.where(variances, np.sqrt(variances), 1.0)[of_l]
+    axes = axes_of(information, posed.rows.factor, sizes)
+    return (OfRow(task, [axes[:, of_l == q] for q in range(n_terms)]),)
 
 
 def _follow_together(posed, informed, starts, upper, budget):

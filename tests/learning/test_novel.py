@@ -19,6 +19,7 @@ from skmtgp.learning.novel import (
 )
 from skmtgp.learning.problem import Budget
 from skmtgp.learning.tuning import Tuning
+from skmtgp.model.population import scale_of_open_row
 from skmtgp.model.task_covariance import low_rank
 
 M, RANK, NOISE = 5, 2, 0.01
@@ -294,6 +295,28 @@ def test_nothing_is_open_where_nothing_is_known(monkeypatch):
     problem = Problem()
     posed = Posed(problem.border(), problem.F)
     assert len(leeway_of(posed, problem.row, M)) == 1
-    nothing = np.full((RANK, RANK), np.nan)
-    monkeypatch.setattr(posed, "information", lambda u: nothing)
+    nothing = np.full((RANK, RANK), np.nan), np.zeros(RANK)
+    monkeypatch.setattr(posed.border, "weighted", lambda row: nothing)
     assert leeway_of(posed, problem.row, M) == ()
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_what_is_open_of_a_row_by_the_book(own):
+    """Coefficients of a regression on the latent functions, beside the population."""
+    problem = Problem()
+    posed, row = Posed(problem.border(own=own), problem.F), problem.row
+    [of] = leeway_of(posed, np.append(row, [0.3] * own), 0)
+    K = textbook.covariance(
+        KERNEL, problem.F @ problem.F.T, NOISE, problem.X, problem.tasks
+    )
+    K_new, cross = KERNEL(problem.X_new), KERNEL(problem.X, problem.X_new)
+    latents = [F[problem.tasks][:, None] * cross for F in problem.F.T]
+    G = np.transpose([c.T @ np.linalg.solve(K, problem.y) for c in latents])
+    c = np.tensordot(row, latents, axes=1)
+    S = (row @ row + 0.09 * own) * K_new - c.T @ np.linalg.solve(K, c)
+    S += NOISE * np.eye(len(S))
+    size = np.sqrt(np.diagonal(K_new).mean())
+    scale = scale_of_open_row(problem.F * size) / size
+    precision = np.linalg.inv(scale @ scale.T) + G.T @ np.linalg.solve(S, G)
+    found = of.axes[0].T @ of.axes[0]
+    np.testing.assert_allclose(found, np.linalg.inv(precision), rtol=1e-6)

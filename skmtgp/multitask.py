@@ -246,10 +246,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Which values of the hyperparameters predictions use:
 
         - "mode" uses the maximum of the likelihood times priors of the noise, see the
-          user guide, page "Noise". Intervals count what the rows leave open of a task's
-          relation to the others, see the page "Intervals".
+          user guide, page "Noise". With ``learning="annealed"`` intervals count what
+          the rows leave open of a task's relation to the others, see the page
+          "Intervals".
         - "map" uses the maximum of the likelihood times weak priors of all
-          hyperparameters, which are relative to the size of the data.
+          hyperparameters, which are relative to the size of the data. Intervals count
+          the same as with "mode".
         - "laplace" predicts as "mode", with standard deviations and intervals that
           count what the rows leave open of the hyperparameters (Laplace's method, with
           the same priors). It takes about as long as "mode".
@@ -991,7 +993,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         return list(map(settled, problems, modes))
 
     def _opened(self, problems, modes, posteriors):
-        if self.learning != "annealed":  # the paper's, of which nothing is open
+        if self.learning != "annealed":  # the others take rows of F as known
             return modes
         return list(map(with_open_rows, problems, modes, posteriors))
 

@@ -154,10 +154,6 @@ class ExtendedPosterior(Posterior):
         self.alpha[self.old], self.alpha[self.new] = base.by_row(self.A), of_new
         self._set_means()
 
-    def _weigh_tasks(self):
-        """Of k^x at each training input in the mean of each task."""
-        return self._weights(self.K_rho)
-
     def weights_of(self, loadings, alpha):
         """Weights of k^x at the inputs in means of sums of tasks, see Posterior."""
         of_new = loadings[:, self.tasks[self.new]] * alpha[..., self.new]
@@ -191,11 +187,6 @@ class ExtendedPosterior(Posterior):
         posterior.base = self.base._with_loadings(unseen)
         return posterior
 
-    def _weights(self, loadings):
-        """Of k^x at each training input, for sums of tasks or of latent functions."""
-        of_new = loadings[:, self.tasks[self.new]] * self.alpha[self.new]
-        return np.hstack([loadings[:, self.base.observed] @ self.A.T, of_new])
-
     def _cross_to_base(self):
         """B^T, of shape (n_new, n_inputs, n_observed)."""
         return self.base.cross(self.X)[..., None] * self._loadings_of_base()[:, None]
@@ -207,7 +198,10 @@ class ExtendedPosterior(Posterior):
     def latent(self, X, factor):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
         own, (_, of_old) = self.tasks[self.new], self.base.latent(X, factor)
-        cross, means = self.cross(X), self._weights(factor.T) @ self.cross(X).T
+        cross, means = (
+            self.cross(X),
+            self.weights_of(factor.T, self.alpha) @ self.cross(X).T,
+        )
         loadings = self.K_rho[np.ix_(self.base.observed, own)]
         prior = factor[own].T[..., None] * cross[:, -len(own) :].T
         given = prior - self.base.half(self.X, loadings).T @ of_old

@@ -4,20 +4,24 @@ At a mode F counts as known. But a task is :math:`f = l^T z` with latent functio
 beside what it has of its own: its row l of F has the coefficients of a regression on z,
 and few samples, or samples in a corner of the inputs, leave them open. Let :math:`\mu`
 be the posterior means of z, let rows of F have the covariance :math:`S S^T`, as those
-of the other tasks say, and let a row of which nothing is known differ from l by d,
+of the other tasks say (`scale_of_open_row`), and let a row of which nothing is known
+differ from l by d. With the means in the place of z a task is then
 
 .. math::
     f(x) + \mu(x)^T d, \quad d \sim N(0, S S^T).
 
-Those are explicit basis functions (Rasmussen and Williams 2006, section 2.7). With
-their values G in the task's samples, zero in those of others, and the covariance K of
-all samples, the variance of f(x) grows by
+Those are explicit basis functions (Rasmussen and Williams 2006, section 2.7). G, of
+shape (n_train, rank), has their values in the task's samples and zeros in those of
+others. With the covariance K of all samples, and k(x) with f(x), the variance of f(x)
+grows by
 
 .. math::
     r(x)^T C\, r(x), \quad r(x) = \mu(x) - G^T K^{-1} k(x), \quad
     C = (S^{-T} S^{-1} + G^T K^{-1} G)^{-1}.
 
-C is that of the samples from which l was learned. Samples that come later, or go,
+It leaves out the product of what is open of l and of z. With a trend P takes the place
+of K^{-1}, see :mod:`skmtgp.inference.flat`. This C is a covariance, no root of K. It is
+that of the samples from which l was learned. Samples that come later, or go,
 change r(x) alone, since l stays.
 """
 
@@ -85,7 +89,7 @@ def open_rows(posterior, likelihood, tasks):
     likelihood : Likelihood
         Where it comes from.
     tasks : list of int
-        Whose rows; nothing is open of one in which other tasks have no part.
+        Whose rows. Columns of F that one task has alone count as known.
 
     Returns
     -------
@@ -93,7 +97,7 @@ def open_rows(posterior, likelihood, tasks):
     """
     factors = factors_of(posterior.prior, posterior.theta)
     F, found = np.hstack(factors), []
-    several = np.count_nonzero(F, axis=0) > 1  # others are a task's own
+    several = np.count_nonzero(F, axis=0) > 1  # the others are one task's own
     if not several.any():
         return ()
     ends = np.cumsum([of.shape[1] for of in factors])[:-1]
@@ -217,7 +221,7 @@ class OpenRows:
         """Each training sample predicted from the others, see Posterior.
 
         r(x_i) without the sample is r(x_i) times v / sigma^2, if v is the variance of
-        y_i given the others. C stays.
+        y_i given the others. C and mu stay: they know the sample.
         """
         residual, variance = self.posterior.leave_one_out(include_noise)
         precision, noise = self.of_data.precision(), self.of_data.noise_of_rows()
@@ -229,7 +233,7 @@ class OpenRows:
     def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too; this one stays as it is."""
         widened = object.__new__(OpenRows)
-        vars(widened).update(vars(self))  # the effects, too
+        vars(widened).update(vars(self))  # not by copy(), which drops the effects
         widened.posterior = self.posterior.with_unseen(n_unseen, described)
         return widened
 

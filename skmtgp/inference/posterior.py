@@ -399,7 +399,7 @@ class Posterior(WithUnseen, ABC):
         return G
 
     def noise_of_rows(self):
-        """Noise variance of each training row, (n_train,)."""
+        """Noise variance of each training row, with jitter, (n_train,)."""
         return self.noise + self.jitter
 
     @abstractmethod
@@ -408,7 +408,7 @@ class Posterior(WithUnseen, ABC):
 
         Parameters
         ----------
-        loadings : ndarray of shape ([n_terms,] n_sums, n_tasks)
+        loadings : ndarray of shape ([n_terms,] n_sums or 1, n_tasks)
             Covariances of the sums with the tasks.
         alpha : ndarray of shape (n_train,) or (n_sums, n_train)
             K^{-1} y, the same of all or of each.
@@ -433,8 +433,8 @@ class Posterior(WithUnseen, ABC):
             A root: half^T half is G^T K^{-1} G.
         solved : ndarray of shape (n_train, n_columns)
             K^{-1} G.
-        of_trend : ndarray of shape (n_trend, n_columns) or None
-            What the columns of the trend, times its `root`, have of G; None without.
+        of_trend : ndarray of shape (rank of the trend, n_columns) or None
+            (H root)^T K^{-1} G of its columns H and their `root`; None without.
         """
 
     def _weigh_tasks(self):

@@ -350,6 +350,7 @@ class SparsePosterior(WithUnseen):
 
     def informations(self, tasks, factors, likelihood):
         """What the samples tell of rows of F, see Posterior; by sums over them."""
+        # once more: `Covariances` has spent the factor
         jitter = self.noise[0] - self.prior.values(self.theta).noise[0]
         _, weights = likelihood.forward(self.theta, jitter=jitter)
         free, found = self._free(factors), []
@@ -387,8 +388,8 @@ class SparsePosterior(WithUnseen):
     def _regressed(self, task, free):
         """Latent functions as targets of a task.
 
-        Their weights, (rank, p); what the rows say of them, (p, rank); and that of each
-        latent function, (n_latent, n_inducing, rank).
+        Their weights G, (rank, p); T_m G^T, (p, rank); and the same for each latent
+        function, times what the task has of it, (n_latent, n_inducing, rank).
         """
         of_latent = self.by_latent[task][:, free]
         between = self.loadings.of_latent(of_latent)

@@ -26,7 +26,8 @@ kernels, would be likelier, ``common_function`` whether tasks share one more fun
 and ``row_effects`` whether rows have effects of their own.
 
 ``penalised`` adds weak priors, ``sampling`` draws hyperparameters, ``evidence``
-integrates them out, and ``laplace`` has what rows leave open around a mode.
+integrates them out, ``laplace`` has what rows leave open around a mode, and
+``open_rows`` whose rows of F are open.
 ``shortlisting`` learns the best of several forms, which ``contenders`` and ``weighing``
 compare, and goes ``further`` to higher ranks; ``vanishing`` finds numbers of a diagonal
 that do not count. ``identifying`` finds which task some samples are of.

@@ -72,7 +72,7 @@ def learn_novel(
     trend : Trend, default=None
         Of all tasks, the novel one counted, if there is a trend.
     leeway : tuple of OfTheta or OfRow, default=()
-        What is open of theta.
+        What is open of theta and of rows of F.
     rng : Generator, default=None
         Where an informed border is drawn from its posterior, not the mode: the source
         of randomness.
@@ -503,8 +503,8 @@ def leeway_of(posed, x, task):
     Returns
     -------
     leeway : tuple of OfRow
-        One, see :mod:`skmtgp.inference.open_rows`, or none where there is no l, or no
-        information: targets that are all zero.
+        One, see :mod:`skmtgp.inference.open_rows`, or none where there is no l, or the
+        information is not finite.
     """
     border, n_terms = posed.border, len(posed.border.K_x)
     information, _ = border.weighted(x)

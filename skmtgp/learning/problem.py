@@ -298,7 +298,8 @@ class Mode(NamedTuple):
     rivals : tuple of Rival, default=()
         Nearly as good modes of the same model that it was preferred to.
     leeway : tuple of OfTheta or OfRow, default=()
-        What is open of theta, see :mod:`skmtgp.inference.leeway`.
+        What is open of theta and of rows of F, see :mod:`skmtgp.inference.leeway` and
+        :mod:`skmtgp.inference.open_rows`.
     """
 
     theta: np.ndarray

@@ -7,7 +7,7 @@ from skmtgp.model.task_covariance import LowRank
 
 LEAST_FREEDOM = 3  # fewer degrees tell no variance of another row
 ROUNDING = 1e-12  # of the longest axis: a shorter one is none
-# On the covariance of the rows of F, of their mean square: of few it is singular.
+# On the covariance of rows of F, of their mean square: that of few rows is singular.
 RIDGE = 1e-7
 
 
@@ -80,8 +80,8 @@ def leeway_of_another(factor):
 def scale_of_open_row(factor):
     r"""A lower triangular S, and S S^T is the covariance of a row of F beside others.
 
-    It is that of a further row, see `leeway_of_another`, to which one that differs as
-    much in all directions is counted: few rows tell little of what rows may be.
+    n / (n + 1) of it is that of a further row, see `leeway_of_another`, and 1 / (n + 1)
+    is as large, and alike in all directions: few rows tell little of what rows may be.
 
     Parameters
     ----------

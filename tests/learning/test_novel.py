@@ -291,7 +291,7 @@ def test_parameters_of_the_extended_model(position, diagonal, per_task, own, inf
 
 
 def test_nothing_is_open_where_nothing_is_known(monkeypatch):
-    """Targets that are all zero have a factor of zero, and no information."""
+    """Where the information is not finite."""
     problem = Problem()
     posed = Posed(problem.border(), problem.F)
     assert len(leeway_of(posed, problem.row, M)) == 1

@@ -157,22 +157,15 @@ class ExtendedPosterior(Posterior):
     def weights_of(self, loadings, alpha):
         """Weights of k^x at the inputs in means of sums of tasks, see Posterior."""
         of_new = loadings[:, self.tasks[self.new]] * alpha[..., self.new]
-        of_old = self.base.weights_of(loadings, self._of_base(alpha))
+        of_old = self.base.weights_of(loadings, alpha[..., self.old])
         return np.hstack([of_old, of_new])
-
-    def _of_base(self, of_rows):
-        """Those of the complete data, in the order of their own rows."""
-        return of_rows[..., self.old]
 
     def solve(self, G):
         """Roots of G^T K^{-1} G, and K^{-1} G, see Posterior."""
         base = self.base
         of_old, solved, _ = base.solve(G[self.old])
         given = self._cross_to_base()
-        explained = (
-            given.reshape(len(given), -1)
-            @ base.by_input(solved.T).reshape(len(G.T), -1).T
-        )
+        explained = np.tensordot(given, base.by_input(solved.T), ([1, 2], [1, 2]))
         half = self.cholesky.half_solve(G[self.new] - explained)
         found = np.empty_like(G)
         found[self.new] = self.cholesky.half_solve(half, transposed=True)
@@ -198,10 +191,8 @@ class ExtendedPosterior(Posterior):
     def latent(self, X, factor):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
         own, (_, of_old) = self.tasks[self.new], self.base.latent(X, factor)
-        cross, means = (
-            self.cross(X),
-            self.weights_of(factor.T, self.alpha) @ self.cross(X).T,
-        )
+        cross = self.cross(X)
+        means = self.weights_of(factor.T, self.alpha) @ cross.T
         loadings = self.K_rho[np.ix_(self.base.observed, own)]
         prior = factor[own].T[..., None] * cross[:, -len(own) :].T
         given = prior - self.base.half(self.X, loadings).T @ of_old

@@ -283,7 +283,7 @@ class KroneckerPosterior(Posterior):
         self.levels[self.observed] = self.of_levels
 
     def _weigh_tasks(self):
-        """Of k^x at each input in the mean of each task."""
+        """Of k^x at each input in the mean of each task, with the digits of `of_f`."""
         return self.K_rho[:, self.observed] @ self.of_f.T
 
     def weights_of(self, loadings, alpha):

@@ -142,10 +142,8 @@ class Widened:
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
-        covariance, spread = (
-            self.posterior.covariance(X, tasks),
-            self._spread(X, tasks),
-        )
+        covariance = self.posterior.covariance(X, tasks)
+        spread = self._spread(X, tasks)
         covariance += spread.T @ spread
         return covariance
 

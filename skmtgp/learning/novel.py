@@ -155,7 +155,7 @@ def learn_again(
     """
     begin, prior = perf_counter(), likelihood.prior
     with limit_threads(len(y)):
-        posed, alone = posed_again(prior, posterior, theta, X, y, task, known)
+        posed, alone = _posed_again(prior, posterior, theta, X, y, task, known)
         best = learn_border(posed, budget, informed=informed, rng=rng)
         value, of_row = posed.border.value(best.x), ()
         if informed and rng is None:
@@ -164,14 +164,14 @@ def learn_again(
     rows = [_widened(*of) for of in zip(rows, alone, strict=True)]
     for row, w, column in zip(rows, own, alone, strict=True):
         row[column] = w
-    of_row = with_columns(of_row, alone)
+    of_row = _with_columns(of_row, alone)
     kept = (of for of in leeway if getattr(of, "task", None) != task)
     leeway = tuple(of.with_row(prior, theta, rows, own, task) for of in kept) + of_row
     theta, seconds = prior.with_row(theta, rows, own, task), perf_counter() - begin
     return Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
 
 
-def posed_again(prior, posterior, theta, X, y, task, known=None):
+def _posed_again(prior, posterior, theta, X, y, task, known=None):
     """The likelihood of a row of F, and of each term which column is its own.
 
     `known` is what is known of the noise of the task's rows.
@@ -195,7 +195,7 @@ def posed_again(prior, posterior, theta, X, y, task, known=None):
     return Posed(border, np.delete(np.hstack(others), task, axis=0)), alone
 
 
-def with_columns(leeway, alone):
+def _with_columns(leeway, alone):
     """What is open of a row, with zeros for the columns that the task has to itself."""
     return tuple(
         of._replace(axes=[_widened(*axes) for axes in zip(of.axes, alone, strict=True)])

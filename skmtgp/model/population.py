@@ -86,7 +86,7 @@ def scale_of_open_row(factor):
     Parameters
     ----------
     factor : ndarray of shape (n_others, rank)
-        The other rows.
+        The other rows; the rank is not 0.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def scale_of_open_row(factor):
     """
     (n, rank), axes = factor.shape, leeway_of_another(factor)
     covariance = n / (n + 1) * axes.T @ axes
-    alike = np.square(axes).sum() / ((n + 1) * max(rank, 1))
+    alike = np.square(axes).sum() / ((n + 1) * rank)
     covariance[np.diag_indices(rank)] += alike + RIDGE * mean_square(factor)
     return np.linalg.cholesky(covariance)
 

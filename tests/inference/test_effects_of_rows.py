@@ -53,7 +53,7 @@ class Book:
 
     def latents(self, X):
         """mu(X), of shape (n_samples, rank)."""
-        (rows, tasks), H, solved = self.rows, self.columns(*self.rows), self.K
+        (rows, tasks), H = self.rows, self.columns(*self.rows)
         solved = np.linalg.solve(self.K, np.column_stack([H, self.y]))
         beta = np.linalg.lstsq(H.T @ solved[:, :-1], H.T @ solved[:, -1])[0]
         alpha = solved[:, -1] - solved[:, :-1] @ beta
@@ -169,7 +169,7 @@ def test_leave_one_out(terms, trend, n_noise, levels, inducing):
     np.testing.assert_array_equal(residual, known)
 
 
-def complete(n_tasks=4, kept=slice(None), levels=True):
+def complete(n_tasks=4, kept=slice(None)):
     """Data whose tasks have the same inputs, in an order of their own."""
     rng, x = np.random.default_rng(0), np.linspace(0.0, 6.0, 7)
     order = rng.permutation(7 * n_tasks)[kept]

@@ -5,6 +5,7 @@ import pytest
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp.exceptions import SmallTaskWarning
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::skmtgp.exceptions.NarrowIntervalsWarning"),
@@ -86,6 +87,22 @@ def test_tasks_with_rows_everywhere_are_nearly_as_certain():
     assert (more > 1.0).all()
     assert (more < 2.0).all()
     assert more.mean() < 1.3
+
+
+def test_a_task_of_two_rows_is_less_certain_than_the_others():
+    rng, tasks = np.random.default_rng(1), np.repeat(range(4), 12)
+    x = rng.uniform(0.0, 6.0, 48)
+    y = (1.0 + tasks) * np.sin(x) + 0.1 * rng.standard_normal(48)
+    kept = (tasks != 3) | (np.arange(48) % 6 == 0)
+    X = np.column_stack([x, tasks])[kept]
+    options = {"rank": 1, "normalize_y": "shared", "noise": "shared"}
+    with pytest.warns(SmallTaskWarning):
+        model = MultiTaskGPRegressor("rbf", **options).fit(X, y[kept])
+    assert [of.task for of in model._leeway[0]] == [0, 1, 2, 3]
+    new = np.array([[2.0, 3.0], [5.0, 3.0], [2.0, 1.0]])
+    more = model.predict(new, return_std=True)[1] / known_rows(model, new) - 1.0
+    assert (more > 0.0).all()
+    assert (more[:2] > 2.0 * more[2]).all()
 
 
 def test_nothing_is_open_where_nothing_was_learned_so():

@@ -36,7 +36,7 @@ from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.reading import read
 
 N_TEST, NOISE, RANGE = 20, 0.2, 8.0
-TRUE, CHOSEN = "true rank", "chosen rank"
+FITS = TRUE, CHOSEN = "true rank", "chosen rank"
 EARLIER = "BIC's rank"  # as files of before 2026-11-25 have it
 EDGES = 0, 2, 4, 8, 12, 16, 24, 32, 100  # of rows a hyperparameter
 
@@ -112,14 +112,14 @@ def by_draws(mode, way, X, y, n_draws):
 WAYS = {"mode": by_mode, "laplace": by_laplace, "sampled": by_draws}
 
 
-def compared(names, n_draws, job):
+def compared(fits, names, n_draws, job):
     """Rows of the table: the ways to predict of one data set, at each rank."""
     n_tasks, n_rows, rank, seed = job
     X, y, *test = draw(*job)
     rows = []
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for way in (TRUE, CHOSEN):
+        for way in fits:
             begin = process_time()
             mode = fitted(way, rank, X, y)
             seconds = process_time() - begin
@@ -158,6 +158,7 @@ def main():
     parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--seeds", type=int, default=40, help="draws of each cell")
     parser.add_argument("--first", type=int, default=0, help="the first of them")
+    parser.add_argument("--fits", nargs="+", choices=FITS, default=list(FITS))
     parser.add_argument("--n-draws", type=int, default=100, help="of hyperparameters")
     parser.add_argument("--by", nargs="+", choices=WAYS, default=list(WAYS))
     parser.add_argument("--jobs", type=int, default=1, help="processes")
@@ -188,7 +189,9 @@ def main():
         return
     rows = []
     with ProcessPoolExecutor(args.jobs) as pool:
-        for found in pool.map(partial(compared, args.by, args.n_draws), jobs):
+        for found in pool.map(
+            partial(compared, args.fits, args.by, args.n_draws), jobs
+        ):
             rows += found
             if args.output:
                 pd.DataFrame(found).to_json(

@@ -21,6 +21,7 @@ from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._data.time_splitting import TaskTimeSeriesSplit
 from skmtgp._estimators.base import side
 from skmtgp._estimators.candidates import (
+    and_own_functions,
     and_own_part,
     candidates_of,
     learn_again,
@@ -127,8 +128,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
           inference is exact and the data have noise. Criteria do not count variances of
           the diagonal that vanish.
 
-        "auto" is True if `ranks` is None and inference is exact. With several kernels
-        it is False.
+        "auto" is True if `ranks` is None and inference is exact. With sparse inference
+        it adds compound symmetry alone, if data have noise, and `criterion="auto"` then
+        charges the numbers of a task only for its own rows. With several kernels it is
+        False.
     criterion : {"auto", "bic", "aic", "hqc", "loo", "laplace"}, default="auto"
         Criterion that chooses. "loo" takes one more decomposition for each candidate
         and output. It needs the rows, so Dask collections are an error. "laplace" takes
@@ -332,8 +335,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             modes = model._learn_ranks(problems, forms, progress, until_worse=growing)
             settings, forms = settings[: len(modes)], forms[: len(modes)]
             learned = [[of.with_form(form) for of in problems] for form in forms], modes
-            if asks and self.ranks is None and not model.diagonal:
+            if asks and growing and not model.diagonal:
                 settings, *learned = and_own_part(settings, *learned, model.n_jobs)
+            elif self._asks_own(model, problems[0]) and not described:
+                running = {"n_jobs": model.n_jobs, "progress": progress}
+                settings, *learned = and_own_functions(settings, *learned, **running)
             again = partial(learn_again, model, learned[0], progress)
             told = model._tell(training, *revise(model, training, *learned, again))
             alone = _alone(model, *told[:2], X, y, given) if asks else None
@@ -381,6 +387,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def _asks_simpler(self):
         """Whether simpler models are tried; "auto" does not where they take long."""
         return self.ranks is None if isinstance(self.simpler, str) else self.simpler
+
+    def _asks_own(self, model, problem):
+        """Whether compound symmetry is the only simpler model that is tried."""
+        usual = self.ranks is None and isinstance(self.simpler, str)
+        learns = model.max_iter > 0 and not model.diagonal
+        return usual and learns and not problem.engine.exact
 
     def _keep(self, model, settings, alone, training, *learned):
         """Set the fitted attributes."""

@@ -109,7 +109,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
         With sparse inference one function that all tasks share, or a rank, is chosen
         from `n_exact` of the rows. From there ranks grow by all rows, up to 6, until
-        two in a row are worse. With ``max_iter=0``,
+        two in a row are worse. If data have noise, compound symmetry is tried, too,
+        where it does not take too long. With ``max_iter=0``,
         `task_descriptors` or another `learning`, None is the highest rank that has four
         rows for each. If tasks then have fewer than eight rows on average, and
         `max_iter` is not 0, BIC compares this rank with rank 0. With `task_descriptors`

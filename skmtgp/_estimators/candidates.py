@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from skmtgp._estimators.forms import SIMPLER
 from skmtgp._estimators.posing import pose
 from skmtgp._support.warnings import collect_warnings
+from skmtgp.learning.growing import with_own_functions
 from skmtgp.learning.problem import Mode, Problem, wary
 from skmtgp.learning.shortlisting import with_own_part
 
@@ -98,6 +99,19 @@ def and_own_part(settings, problems, modes, n_jobs):
     form = own[0].prior.task_covariance
     params = {"rank": form.rank, "shared": bool(form.shared), "diagonal": True}
     return [*settings, params], [*problems, own], [*modes, of_own]
+
+
+def and_own_functions(settings, problems, modes, **running):
+    """The same with compound symmetry, which sparse inference takes beside ranks.
+
+    See :func:`skmtgp.learning.growing.with_own_functions`.
+    """
+    forms = [of[0].prior.task_covariance for of in problems]
+    forms, found = with_own_functions(problems[0], forms, modes, **running)
+    if len(found) == len(modes):
+        return settings, problems, modes
+    own = [problem.with_form(forms[-1]) for problem in problems[0]]
+    return [*settings, SIMPLER[-1]], [*problems, own], found
 
 
 def learn_again(model, of_forms, progress, training):

@@ -20,10 +20,10 @@ from skmtgp.learning.ranks import description
 from skmtgp.learning.screening import criterion
 from skmtgp.learning.shortlisting import chosen, learn_best, taken
 from skmtgp.learning.summarised import exact_part, learn_rest, with_gain
-from skmtgp.model.task_covariance import enlarged
+from skmtgp.model.task_covariance import enlarged, low_rank
 
 WORSE = 2  # ranks in a row that end a search
-TIMES = 5.0  # own functions of all tasks may take, of a bound without them
+TIMES = 20.0  # own functions of all tasks may take, of a bound without them
 OFF = 8.0  # times its usual length-scale: a feature hardly matters
 
 
@@ -66,8 +66,8 @@ def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     """The best of several ranks, begun at the best one by some of the rows.
 
     That is learned from all rows, and ranks grow from it until two in a row are worse:
-    more rows speak for more functions, hardly ever for fewer. If none is better than
-    rank 0, tasks may also have functions of their own, all of one variance.
+    more rows speak for more functions, hardly ever for fewer. Instead, tasks may have
+    functions of their own beside one of all tasks, see :func:`with_own_functions`.
 
     Parameters
     ----------
@@ -95,11 +95,45 @@ def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     while rest and not _falls(problems, begun, modes):
         modes.append(_grown(problems, begun[-1], rest[0], modes[-1], **running))
         begun, rest = [*begun, rest[0]], rest[1:]
-    if _best(problems, begun, modes) == 0 and _may_own(problems[0], begun[0]):
-        own = enlarged(begun[0], diagonal="equal")
-        modes.append(_grown(problems, begun[0], own, modes[0], **running))
-        begun = [*begun, own]
+    begun, modes = with_own_functions(problems, begun, modes, **running)
     return chosen(problems, begun, list(zip(*modes, strict=True)), n_jobs)
+
+
+def with_own_functions(problems, forms, modes, *, n_jobs=None, progress=silent):
+    """Several ranks, and compound symmetry if it may be better than all of them.
+
+    One function of all tasks, and one of each, have two variances where a rank has a
+    number of each task. So a rank explains them badly, but it takes many to tell. Data
+    without noise are not asked: own functions would explain whatever is left.
+
+    Parameters
+    ----------
+    problems : list of Problem
+        For each output, with an engine that approximates.
+    forms : list of LowRank or WithShared
+        Ranks that were learned.
+    modes : list of list of Mode
+        For each form and output.
+    n_jobs, progress
+        See :func:`skmtgp.learning.ranks.learn_ranks`.
+
+    Returns
+    -------
+    forms : list of LowRank, WithShared or WithDiagonal
+        Perhaps with one more, the last.
+    modes : list of list of Mode
+        For each form and output.
+    """
+    best = _best(problems, forms, modes)
+    form, of_best = forms[best], modes[best]
+    ranked = [problem.with_form(form) for problem in problems]
+    noisy = all(map(Problem.is_noisy, ranked, of_best))
+    if not (noisy and _may_own(problems[0], form)):
+        return forms, modes
+    own = low_rank(form.n_tasks, 0, diagonal="equal", shared=True)
+    running = {"n_jobs": n_jobs, "progress": progress}
+    of_own = _grown(problems, form, own, of_best, **running)
+    return [*forms, own], [*modes, of_own]
 
 
 def with_own(problems, modes, n_jobs=None, progress=silent):
@@ -180,15 +214,15 @@ def _best(problems, forms, modes):
 
 
 def _may_own(problem, form):
-    """Whether tasks may have functions of their own beside those of a form.
+    """Whether tasks may have functions of their own, where a form has none.
 
-    Beside a function of all tasks, that is: this is compound symmetry. A bound of n
-    rows and m inducing inputs has n m^2 + m^3 products, and M m^3 more with them. That
-    should take no more than a few times as long.
+    A bound of n rows and m inducing inputs has n m^2 + m^3 products for a function of
+    all tasks, and M m^3 more with them. That should take no more than some times as
+    long.
     """
     m, n_tasks = problem.engine.n_inducing, form.n_tasks
     few = n_tasks * m <= TIMES * (len(problem.data) + m)
-    return few and n_tasks > 1 and not (form.rank or form.n_own)
+    return few and n_tasks > 1 and not form.n_own
 
 
 def _grown(problems, lower, form, modes, *, n_jobs, progress):

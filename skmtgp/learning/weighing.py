@@ -119,6 +119,8 @@ def log_odds(problems, modes, n=None):
       of the noise that the likeliest form without them has.
     - Where tasks were measured at different inputs, unrelated tasks are a little
       likelier: rows hardly tell, and their predictions there are less sure.
+    - Where learning is not exact, nothing but eq. 8 chooses, and this is what it prices
+      the best rank too high beside functions of the tasks' own.
 
     Parameters
     ----------
@@ -128,12 +130,14 @@ def log_odds(problems, modes, n=None):
     Returns
     -------
     log_odds : ndarray of shape (n_forms,)
-        Zeros where learning is not exact, or of several terms.
+        Zeros where learning is of several terms.
     """
     first, forms = problems[0][0], [of[0].prior.task_covariance for of in problems]
     tuning, found = first.tuning, np.zeros(len(forms))
-    if not first.engine.exact or any(isinstance(form, Forms) for form in forms):
+    if any(isinstance(form, Forms) for form in forms):
         return found
+    if not first.engine.exact:
+        return found + _refund(problems, modes, forms)
     unrelated = np.array(list(map(is_unrelated, forms)))
     if n_rows(problems, n) < tuning.few_rows * first.prior.n_tasks:
         found[unrelated] = -tuning.seldom
@@ -141,6 +145,13 @@ def log_odds(problems, modes, n=None):
     if is_apart(first):
         found[~unrelated] -= tuning.tie
     return found
+
+
+def _refund(problems, modes, forms):
+    """What eq. 8 prices ranks too high, of the best one; none for own functions."""
+    own = np.array([form.n_own > 0 for form in forms])
+    worths = np.where(own, -np.inf, worths_of(problems, modes))
+    return np.where(own, 0.0, overpriced(problems)[np.argmax(worths)])
 
 
 def _take_noise(problems, modes):

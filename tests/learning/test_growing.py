@@ -139,13 +139,23 @@ def test_exact_inference_learns_all_ranks_from_all_rows(monkeypatch):
 
 @pytest.mark.parametrize(
     ("ranks", "n"),
-    [(None, 4), pytest.param((0, 1, 2, 3, 4), 5, marks=pytest.mark.long)],
+    [(None, 5), pytest.param((0, 1, 2, 3, 4), 5, marks=pytest.mark.long)],
 )
 def test_ranks_that_are_given_are_all_learned(ranks, n):
     X, y = draw(1)
     search = RankSearchIC(MODEL, ranks=ranks, keep_estimators=True).fit(X, y)
     assert len(search.results_) == len(search.estimators_) == n
-    assert search.best_rank_ == 1
+    assert search.best_model_ == "rank 1"
+
+
+@pytest.mark.parametrize("simpler", ["auto", False])
+def test_a_search_compares_ranks_with_functions_of_their_own(simpler, monkeypatch):
+    monkeypatch.setattr(forms, "MOST_RANK", 1)  # else two functions have all phases
+    search = RankSearchIC(MODEL, simpler=simpler).fit(*of_their_own(0.3))
+    names = search.results_["model"].tolist()
+    more = ["compound symmetry"] if simpler == "auto" else []
+    assert names == ["shared", "rank 1", *more]
+    assert (search.best_model_ == "compound symmetry") is (simpler == "auto")
 
 
 @pytest.mark.parametrize(("n_exact", "rank"), [(60, 1), (120, 2), (200, 5)])
@@ -196,14 +206,20 @@ def test_tasks_may_have_functions_of_their_own(size, own, seed, monkeypatch):
     ("form", "n_inducing", "tried"),
     [
         (low_rank(M, 0, shared=True), 15, True),
-        (low_rank(M, 0, shared=True), 400, False),  # would take long
+        (low_rank(M, 0, shared=True), 480, True),
         (low_rank(M, 0, shared=True, diagonal="equal"), 15, False),
-        (low_rank(M, 1), 15, False),
+        (low_rank(M, 1), 15, True),
     ],
 )
 def test_where_functions_of_their_own_are_tried(form, n_inducing, tried):
     [problem], *_ = asked(*draw(1), n_inducing=n_inducing)
     assert growing._may_own(problem, form) is tried
+
+
+def test_functions_of_their_own_of_many_tasks_would_take_long(monkeypatch):
+    monkeypatch.setattr(growing, "TIMES", 5.0)
+    [problem], *_ = asked(*draw(1), n_inducing=400)
+    assert not growing._may_own(problem, low_rank(M, 0, shared=True))
 
 
 def test_a_higher_rank_wakes_features_that_the_lower_one_switched_off():

@@ -158,7 +158,8 @@ def main():
     parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--seeds", type=int, default=40, help="draws of each cell")
     parser.add_argument("--first", type=int, default=0, help="the first of them")
-    parser.add_argument("--fits", nargs="+", choices=FITS, default=list(FITS))
+    of_fits = {"choices": FITS, "default": list(FITS), "help": "whose rank is fitted"}
+    parser.add_argument("--fits", nargs="+", **of_fits)
     parser.add_argument("--n-draws", type=int, default=100, help="of hyperparameters")
     parser.add_argument("--by", nargs="+", choices=WAYS, default=list(WAYS))
     parser.add_argument("--jobs", type=int, default=1, help="processes")

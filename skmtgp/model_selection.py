@@ -129,9 +129,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
           the diagonal that vanish.
 
         "auto" is True if `ranks` is None and inference is exact. With sparse inference
-        it adds compound symmetry alone, if data have noise, and `criterion="auto"` then
-        charges the numbers of a task only for its own rows. With several kernels it is
-        False.
+        it adds compound symmetry alone, if data have noise. Against it,
+        `criterion="auto"` charges the numbers of a task for that task's rows alone; the
+        column "bic" charges them for all. With several kernels it is False.
     criterion : {"auto", "bic", "aic", "hqc", "loo", "laplace"}, default="auto"
         Criterion that chooses. "loo" takes one more decomposition for each candidate
         and output. It needs the rows, so Dask collections are an error. "laplace" takes

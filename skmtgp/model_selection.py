@@ -335,15 +335,23 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             modes = model._learn_ranks(problems, forms, progress, until_worse=growing)
             settings, forms = settings[: len(modes)], forms[: len(modes)]
             learned = [[of.with_form(form) for of in problems] for form in forms], modes
-            if asks and growing and not model.diagonal:
-                settings, *learned = and_own_part(settings, *learned, model.n_jobs)
-            elif self._asks_own(model, problems[0]) and not described:
-                running = {"n_jobs": model.n_jobs, "progress": progress}
-                settings, *learned = and_own_functions(settings, *learned, **running)
+            if growing and not described and not model.diagonal:
+                settings, *learned = self._and_own(model, settings, *learned, progress)
             again = partial(learn_again, model, learned[0], progress)
             told = model._tell(training, *revise(model, training, *learned, again))
             alone = _alone(model, *told[:2], X, y, given) if asks else None
             self._keep(model, settings, alone, *told)
+
+    def _and_own(self, model, settings, problems, modes, progress):
+        """The same with one candidate more, in which tasks have their own functions."""
+        several = problems[0][0].data.n_tasks > 1
+        if problems[0][0].engine.exact:
+            if several and self._asks_simpler():
+                return and_own_part(settings, problems, modes, model.n_jobs)
+        elif isinstance(self.simpler, str) and model.max_iter > 0:
+            running = {"n_jobs": model.n_jobs, "progress": progress}
+            return and_own_functions(settings, problems, modes, **running)
+        return settings, problems, modes
 
     def _n_kept(self, n_forms):
         """How many of the candidates have a posterior in the end."""
@@ -387,12 +395,6 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def _asks_simpler(self):
         """Whether simpler models are tried; "auto" does not where they take long."""
         return self.ranks is None if isinstance(self.simpler, str) else self.simpler
-
-    def _asks_own(self, model, problem):
-        """Whether compound symmetry is the only simpler model that is tried."""
-        usual = self.ranks is None and isinstance(self.simpler, str)
-        learns = model.max_iter > 0 and not model.diagonal
-        return usual and learns and not problem.engine.exact
 
     def _keep(self, model, settings, alone, training, *learned):
         """Set the fitted attributes."""

@@ -1,6 +1,6 @@
 """Tables of thousands of rows: what the default makes of them.
 
-``python benchmarks/large_tables.py`` draws five tables, and learns from three quarters
+``python benchmarks/large_tables.py`` draws six tables, and learns from three quarters
 of the rows of each: by the default, with ``inference="sparse"`` but for the machines,
 and by gradient boosting and ridge regression of scikit-learn. It prints
 
@@ -19,7 +19,8 @@ dummy of each task, and standardised features.
   third feature alone;
 - clinics: 60 tasks, twelve features of which five matter, a few of them binary;
 - turbines: the power of 20 wind turbines, whose noise depends on the wind;
-- machines: eight machines that drift apart.
+- machines: eight machines that drift apart;
+- ovens: 30 ovens with a function in common, and one of each of half its deviation.
 """
 
 import argparse
@@ -116,12 +117,29 @@ def machines(rng, n_tasks=8, n=4000):
     return pd.concat(tables, ignore_index=True), 0.3
 
 
+def ovens(rng, n_tasks=30, n=160):
+    """Tasks that deviate from what they have in common, each in its own way."""
+    x, task = rng.uniform(0.0, 1.0, (n_tasks * n, 2)), np.repeat(range(n_tasks), n)
+    f = waves(rng, x) + 0.5 * rng.standard_normal(n_tasks)[task]
+    for m in range(n_tasks):
+        f[task == m] += 0.5 * waves(rng, x[task == m])
+    table = pd.DataFrame(x, columns=["heat", "damp"])
+    return table.assign(task=np.char.add("o", task.astype(str)), f=f), 0.3
+
+
+def waves(rng, x, n=400):
+    """A function of two inputs, nearly a draw of a Gaussian process."""
+    turn = x @ (rng.standard_normal((2, n)) / 0.4) + rng.uniform(0.0, 2.0 * np.pi, n)
+    return np.cos(turn) @ rng.standard_normal(n) * np.sqrt(2.0 / n)
+
+
 TABLES = {
     stores: SPARSE,
     sites: SPARSE | {"n_inducing": 100},
     clinics: SPARSE,
     turbines: SPARSE,
     machines: {},
+    ovens: SPARSE,
 }
 
 

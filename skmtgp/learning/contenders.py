@@ -107,6 +107,11 @@ def overpriced(problems):
     return price(np.array(numbers), problems[0][0].prior.n_tasks) * len(problems[0])
 
 
+def is_of_own_functions(form):
+    """Whether tasks have functions of one variance: independent, or with one of all."""
+    return form.n_own > 0 and form.n_free <= 2
+
+
 def is_overexplained(problems, modes, n=None):
     """Whether the best form by eq. 8 has few rows for each hyperparameter, with noise.
 
@@ -126,7 +131,7 @@ def is_overexplained(problems, modes, n=None):
     """
     best = int(np.argmax(plausible(problems, modes)))
     forms = [of[0].prior.task_covariance for of in problems]
-    small = [k for k, form in enumerate(forms) if form.n_own > 0 and form.n_free <= 2]
+    small = np.flatnonzero(list(map(is_of_own_functions, forms))).tolist()
     tuning, noisy = problems[0][0].tuning, _are_noisy(problems, modes)
     told = noisy[best]
     if not told and small:

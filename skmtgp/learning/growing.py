@@ -14,6 +14,7 @@ import numpy as np
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.contenders import is_of_own_functions
 from skmtgp.learning.nesting import grow, with_columns
 from skmtgp.learning.problem import Mode, Problem, best_of
 from skmtgp.learning.ranks import description
@@ -222,7 +223,7 @@ def _may_own(problem, form):
     """
     m, n_tasks = problem.engine.n_inducing, form.n_tasks
     few = n_tasks * m <= TIMES * (len(problem.data) + m)
-    return few and n_tasks > 1 and not form.n_own
+    return few and n_tasks > 1 and not is_of_own_functions(form)
 
 
 def _grown(problems, lower, form, modes, *, n_jobs, progress):

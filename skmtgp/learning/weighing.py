@@ -9,6 +9,7 @@ import numpy as np
 from skmtgp._data.overlap import share_overlapping
 from skmtgp._numerics.parallel import run
 from skmtgp.learning.contenders import (
+    is_of_own_functions,
     is_overexplained,
     n_rows,
     overpriced,
@@ -149,7 +150,7 @@ def log_odds(problems, modes, n=None):
 
 def _refund(problems, modes, forms):
     """What eq. 8 prices ranks too high, of the best one; none for own functions."""
-    own = np.array([form.n_own > 0 for form in forms])
+    own = np.array(list(map(is_of_own_functions, forms)))
     worths = np.where(own, -np.inf, worths_of(problems, modes))
     return np.where(own, 0.0, overpriced(problems)[np.argmax(worths)])
 

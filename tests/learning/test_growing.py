@@ -202,13 +202,30 @@ def test_tasks_may_have_functions_of_their_own(size, own, seed, monkeypatch):
     assert most - 1.0 < model.log_marginal_likelihood_value_ < most + 0.01
 
 
+def test_own_functions_of_one_variance_are_tried_beside_those_of_several(monkeypatch):
+    """The exact rows may speak for a variance of each task, which all rows do not."""
+    monkeypatch.setattr(forms, "MOST_RANK", 1)
+    begun = {"forms": [low_rank(M, 1, diagonal=True)]}
+    learn_best = growing.learn_best
+    monkeypatch.setattr(
+        growing,
+        "learn_best",
+        lambda parts, _, **running: learn_best(parts, **begun, **running),
+    )
+    model = MultiTaskGPRegressor(**MODEL.get_params(deep=False))
+    model.fit(*of_their_own(0.3))
+    assert (model.rank_, model.shared_, model.diagonal_) == (0, True, "equal")
+
+
 @pytest.mark.parametrize(
     ("form", "n_inducing", "tried"),
     [
         (low_rank(M, 0, shared=True), 15, True),
         (low_rank(M, 0, shared=True), 480, True),
         (low_rank(M, 0, shared=True, diagonal="equal"), 15, False),
+        (low_rank(M, 0, diagonal="equal"), 15, False),
         (low_rank(M, 1), 15, True),
+        (low_rank(M, 1, diagonal=True), 15, True),
     ],
 )
 def test_where_functions_of_their_own_are_tried(form, n_inducing, tried):

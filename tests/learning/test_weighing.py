@@ -232,9 +232,21 @@ def test_odds_are_of_one_term_that_is_learned_exactly(learned):
     several = of_terms()
     assert log_odds([[several]], [modes], 1).tolist() == [0.0]
     apart = problem.with_form(low_rank(M, 0, True))
-    sparse = replace(apart, engine=Sparse())
-    assert log_odds([[sparse]], [modes], 1).tolist() == [0.0]
     assert log_odds([[apart]], [modes], 1).tolist() == [-3.0]
+
+
+def test_ranks_pay_for_a_task_by_its_own_rows_where_learning_is_not_exact(learned):
+    """Beside own functions of one variance, which have no number of a task."""
+    [[problem], *_], _ = learned
+    own = [low_rank(M, 0, "equal"), low_rank(M, 0, "equal", shared=True)]
+    forms = [*own, low_rank(M, 1), low_rank(M, 2), low_rank(M, 1, True)]
+    problems = [[problem.with_form(form)] for form in forms]
+    modes = [[climb(of, of.theta(K_rho=np.eye(M)))] for [of] in problems]
+    best = forms[2 + np.argmax(worths_of(problems[2:], modes[2:]))]
+    refund = 0.5 * best.n_free * np.log(M)
+    sparse = [[replace(of, engine=Sparse())] for [of] in problems]
+    odds = log_odds(sparse, modes)
+    np.testing.assert_allclose(odds, [0.0, 0.0, refund, refund, refund], rtol=1e-12)
 
 
 def test_little_of_their_own_by_eq_8(learned, monkeypatch):

@@ -29,12 +29,12 @@ from skmtgp._estimators.candidates import (
     ranks_to_draw,
     settings_of_ranks,
 )
+from skmtgp._estimators.conformal import ConformalMixin
 from skmtgp._estimators.criteria import ALONE, Alone, criterion_of, tabulate
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.estimator import Estimator, fitting
 from skmtgp._estimators.forms import MOST_RANK, ROWS, SIMPLER, usual_ladder
 from skmtgp._estimators.posing import pose
-from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.ranks_of_terms import (
     learn_candidates,
     ranks_to_compare,
@@ -67,7 +67,7 @@ ROWS_IF_DRAWN = 2  # for each number of the task covariance; of modes alone, see
 TOLD = 2  # rows of each task for each of its hyperparameters, to learn it alone
 
 
-class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
+class RankSearchIC(MetaEstimatorMixin, ConformalMixin, Estimator):
     r"""Multi-task GP whose rank is chosen by an information criterion.
 
     By default simpler models are candidates, too: independent tasks, tasks that are

@@ -25,13 +25,13 @@ from skmtgp._data.skewness import is_skewed
 from skmtgp._data.task_column import locate
 from skmtgp._data.trend import ReadTrend, read_trend
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.conformal import ConformalMixin
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.doubts import warn_of_constants_alone, warn_of_duration
 from skmtgp._estimators.estimator import Estimator, fitting
 from skmtgp._estimators.fitted import COEFFICIENTS
 from skmtgp._estimators.named_kernels import with_positions
 from skmtgp._estimators.posing import kernel_made, pose
-from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.reading import gathered, tell_copies, tell_counts
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.skew import inputs_far_apart, tell_skewed
@@ -69,7 +69,7 @@ OF_ALL = (
 )
 
 
-class SingleTaskGP(PosteriorMixin, Estimator):
+class SingleTaskGP(ConformalMixin, Estimator):
     """A separate Gaussian process for each task, sGP.
 
     Each task and output has its own hyperparameters, learned from its own samples.
@@ -590,6 +590,13 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             return model._left_out(include_noise)
 
         return self._mixed(self.tasks_train_, of_task)
+
+    def _errors_left_out(self):
+        errors = np.full((len(self.tasks_train_), self._n_outputs), np.nan)
+        for rows, model in self._parts(self.tasks_train_):
+            if len(rows) > 1:  # of a single sample the mean is the sample itself
+                errors[rows] = model._errors_left_out()
+        return errors
 
     def _mixed(self, codes, components):
         """Means and variances, from what `components` gives of each task's rows."""

@@ -611,6 +611,49 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         return self._ask("predict_interval", X, level, include_noise, alpha=alpha)
 
     @public
+    def conformal_interval(
+        self,
+        X: ArrayLike,
+        level: float = 0.95,
+        by_task: bool = False,
+        *,
+        alpha: ArrayLike | None = None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Predict the interval that left-out values say contains a value.
+
+        See :meth:`MultiTaskGPRegressor.conformal_interval`. Values of the same row are
+        hardly exchangeable with others: where rows are noisy as a whole, intervals are
+        too narrow.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs.
+        level : float, default=0.95
+            Share of new values that intervals are to contain.
+        by_task : bool, default=False
+            Whether each output's intervals have the width of its own errors.
+        alpha : float or array-like of shape (n_samples, n_outputs), default=None
+            Known noise variance of each new value, see `predict_interval`.
+
+        Returns
+        -------
+        lower, upper : ndarray of shape (n_samples, n_outputs) or (n_samples,)
+            Ends of the interval, in units of y.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+        TypeError
+            If the estimator has no `conformal_interval`, or takes no `alpha`.
+        ValueError
+            If X, `level` or `alpha` cannot be used, or if there are too few values for
+            `level`.
+        """
+        return self._ask("conformal_interval", X, level, by_task, alpha=alpha)
+
+    @public
     def log_predictive_density(
         self, X: ArrayLike, y: ArrayLike, *, alpha: ArrayLike | None = None
     ) -> NDArray[np.float64]:

@@ -11,10 +11,10 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_theta
 from skmtgp._data.dask import is_dask
+from skmtgp._estimators.conformal import ConformalMixin
 from skmtgp._estimators.doubts import warn_of_noise
 from skmtgp._estimators.estimator import Estimator, steady
 from skmtgp._estimators.forms import lower_rank
-from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.sampled import SampledMixin
 from skmtgp._estimators.summary import SummaryMixin
 from skmtgp._estimators.training import Training
@@ -38,7 +38,7 @@ COEFFICIENTS = "coef_", "coef_std_", "trend_names_", "trend_mean_"
 NO_NOISE = 1e-150  # below, a noise variance stands for none
 
 
-class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
+class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
     """Gaussian process regressor with a task column, as it is once it was fitted."""
 
     _descriptors = _known = None

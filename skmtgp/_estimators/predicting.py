@@ -225,7 +225,7 @@ class PosteriorMixin(RegressorMixin):
         maps the ends to units of y. :doc:`/guide/intervals` says when intervals are
         right.
         """
-        _check_level(level)
+        check_level(level)
         check_is_fitted(self)
         model = as_it_is(self._model())
         features, codes = check_test(model, X, unseen=model._knows_unseen())
@@ -442,7 +442,7 @@ def _check_draws(n, n_outputs, n_draws):
         check_available(8.0 * OF_DRAWS * size, what, advice)
 
 
-def _check_level(level):
+def check_level(level):
     """Raise a ValueError where it is not one probability."""
     is_number = isinstance(level, Real) or getattr(level, "shape", None) == ()
     if not is_number or not 0.0 <= level < 1.0:

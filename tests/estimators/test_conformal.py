@@ -214,32 +214,3 @@ def test_split_refuses_names_of_sites(halves):
     split = regression.SplitConformalRegressor(a_model().fit(X[:60], y[:60]))
     with pytest.raises(UserWarning, match="Unknown task 0"):
         split.conformalize(X[60:], y[60:])
-
-
-def scaled_by_left_out(model, y, X_test, level):
-    mean, std = model.loo_predict(include_noise=True)
-    rank = np.ceil(level * (len(y) + 1)) / len(y)
-    q = np.quantile(np.abs(y - mean) / std, rank, method="higher")
-    mean, std = model.predict(X_test, return_std=True, include_noise=True)
-    return mean - q * std, mean + q * std
-
-
-def test_leave_one_out():
-    """Residuals in closed form scale the model's intervals, without another fit.
-
-    The model takes the noise of both sites for the same, though that of b is larger,
-    and has heavy tails. So its own intervals for half of the observations hold more.
-    """
-    shares = []
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        (X, y), (X_test, y_test) = draw(200, rng, b=4.0), draw(1000, rng, b=4.0)
-        model = MultiTaskGPRegressor(rank=1, noise="shared", **SITE).fit(X, y)
-        half = scaled_by_left_out(model, y, X_test, 0.5)
-        most = scaled_by_left_out(model, y, X_test, 0.95)
-        own = model.predict_interval(X_test, 0.5)
-        shares.append([held(each, y_test) for each in (half, most, own)])
-    half, most, own = np.mean(shares, axis=0)
-    assert abs(half - 0.5) < 0.05
-    assert abs(most - 0.95) < 0.02
-    assert own > 0.6

@@ -1,0 +1,201 @@
+"""Intervals that leave-one-out errors scale."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    RankSearchIC,
+    SingleTaskGP,
+    WideRegressor,
+    add_task,
+)
+
+# Noise with heavy tails has outliers.
+pytestmark = pytest.mark.filterwarnings("ignore::skmtgp.exceptions.OutlierWarning")
+NAMES = np.array(["a", "b"])
+FAST = {"learning": "staged", "hyperparameters": "mode"}
+
+
+def draw(n, seed, b=4.0):
+    """Rows whose noise has heavy tails, and at b so many times the deviation of a."""
+    rng = np.random.default_rng(seed)
+    x, site = rng.uniform(0.0, 6.0, n), rng.integers(2, size=n)
+    y = np.sin(x) * (1 - 2 * site) + 0.1 * b**site * rng.standard_t(2, n)
+    return pd.DataFrame({"x": x, "task": NAMES[site]}), y
+
+
+DATA = draw(60, 0)
+NEW, _ = draw(20, 1)
+
+
+def quantile(errors, level):
+    """The ceil(level (n + 1))-th smallest."""
+    return np.sort(errors)[int(np.ceil(level * (len(errors) + 1))) - 1]
+
+
+def from_left_out(model, X, y, new, level, by_task):
+    """The interval by its definition, from what loo_predict and predict give."""
+    mean, std = model.loo_predict(include_noise=True)
+    errors = np.abs(y - mean) / std
+    q = np.full(len(new), quantile(errors, level))
+    for task in NAMES if by_task else ():
+        q[new["task"] == task] = quantile(errors[X["task"] == task], level)
+    mean, std = model.predict(new, return_std=True, include_noise=True)
+    return mean - q * std, mean + q * std
+
+
+@pytest.mark.parametrize("by_task", [False, True])
+@pytest.mark.parametrize("level", [0.5, 0.9])
+@pytest.mark.parametrize(
+    "model",
+    [
+        MultiTaskGPRegressor(rank=1, **FAST),
+        MultiTaskGPRegressor(rank=1, hyperparameters="sampled", n_draws=4),
+        MultiTaskGPRegressor(rank=1, inference="sparse", n_inducing=20, **FAST),
+        SingleTaskGP(),
+        IndependentGP(),
+        RankSearchIC(MultiTaskGPRegressor(**FAST), ranks=(0, 1)),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning")
+def test_the_definition(model, level, by_task):
+    fitted = model.fit(*DATA)
+    expected = from_left_out(fitted, *DATA, NEW, level, by_task)
+    found = fitted.conformal_interval(NEW, level, by_task)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_what_intervals_hold():
+    """The model takes the noise of both sites for the same, though that of b is larger.
+
+    Its tails are heavy. So the model's own intervals for half of the observations hold
+    more, and one width for both sites is too large at a and too small at b.
+    """
+    shares = []
+    for seed in range(6):
+        X, y = draw(200, seed)
+        X_new, y_new = draw(1000, seed + 100)
+        model = MultiTaskGPRegressor(rank=1, noise="shared", **FAST).fit(X, y)
+
+        b = (X_new["task"] == "b").to_numpy()
+
+        def held(ends, y=y_new, b=b):
+            inside = (ends[0] <= y) & (y <= ends[1])
+            return inside.mean(), inside[b].mean()
+
+        ends = [model.conformal_interval(X_new, *of) for of in ((0.5,), (), (0.9, 1))]
+        ends = [*ends, model.conformal_interval(X_new, 0.9)]
+        shares.append([*map(held, ends), held(model.predict_interval(X_new, 0.5))])
+    half, most, by_task, together, own = np.mean(shares, axis=0)
+    assert abs(half[0] - 0.5) < 0.05
+    assert abs(most[0] - 0.95) < 0.02
+    assert own[0] > 0.6
+    assert abs(by_task[1] - 0.9) < 0.03
+    assert together[1] < 0.87
+
+
+def test_transformed_targets():
+    """Errors are those of the logarithms; the ends are in units of y."""
+    X, y = DATA
+    logs = MultiTaskGPRegressor(rank=1, **FAST).fit(X, y)
+    for sign, transform in (
+        (1.0, (np.log, np.exp)),
+        (-1.0, (lambda y: -np.log(y), lambda z: np.exp(-z))),
+    ):
+        model = MultiTaskGPRegressor(rank=1, target_transform=transform, **FAST)
+        lower, upper = model.fit(X, np.exp(sign * y)).conformal_interval(NEW, 0.8)
+        expected = np.exp(sign * np.array(logs.conformal_interval(NEW, 0.8)))
+        np.testing.assert_allclose([lower, upper], np.sort(expected, axis=0), rtol=1e-6)
+
+
+def test_outputs_have_their_own_widths():
+    X, y = DATA
+    Y = np.column_stack([y, np.cbrt(y)])
+    together = MultiTaskGPRegressor(rank=1, **FAST).fit(X, Y)
+    found = together.conformal_interval(NEW, 0.8)
+    mean, std = together.loo_predict(include_noise=True)
+    q = [quantile(errors, 0.8) for errors in (np.abs(Y - mean) / std).T]
+    mean, std = together.predict(NEW, return_std=True, include_noise=True)
+    np.testing.assert_allclose(found, [mean - q * std, mean + q * std], rtol=1e-9)
+
+
+def test_no_level_is_the_median():
+    model = IndependentGP().fit(*DATA)
+    np.testing.assert_allclose(
+        model.conformal_interval(NEW, 0.0), [model.predict(NEW)] * 2, rtol=1e-12
+    )
+
+
+def test_known_noise_widens():
+    model = IndependentGP().fit(*DATA)
+    lower, upper = model.conformal_interval(NEW, 0.9)
+    wider = model.conformal_interval(NEW, 0.9, alpha=4.0)
+    _, std = model.predict(NEW, return_std=True, include_noise=True)
+    ratio = np.sqrt(std**2 + 4.0) / std
+    np.testing.assert_allclose(np.subtract(*wider[::-1]), ratio * (upper - lower))
+
+
+def test_new_tasks_count():
+    """Samples that joined are left out, too."""
+    model = MultiTaskGPRegressor(rank=1, **FAST).fit(*DATA)
+    X, y = draw(25, 3)
+    joined = add_task(model, X.assign(task="c"), y)
+    new = NEW.assign(task="c")
+    found = joined.conformal_interval(new, 0.9, by_task=True)
+    mean, std = (of[60:] for of in joined.loo_predict(include_noise=True))
+    q = quantile(np.abs(y - mean) / std, 0.9)
+    mean, std = joined.predict(new, return_std=True, include_noise=True)
+    np.testing.assert_allclose(found, [mean - q * std, mean + q * std], rtol=1e-9)
+
+
+def test_a_task_of_one_sample_says_nothing_alone():
+    """Its mean is the sample itself, so its error of 0 is not counted."""
+    X, y = DATA
+    with_one = pd.concat([X, pd.DataFrame({"x": [3.0], "task": ["c"]})])
+    expected = SingleTaskGP().fit(X, y).conformal_interval(NEW, 0.8)
+    found = SingleTaskGP().fit(with_one, np.append(y, 1.0)).conformal_interval(NEW, 0.8)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_too_few_samples():
+    X, y = draw(18, 2)
+    model = IndependentGP().fit(X, y)
+    with pytest.raises(ValueError, match=r"0\.95 needs 19 left-out samples, and .* 18"):
+        model.conformal_interval(NEW)
+    assert np.isfinite(model.conformal_interval(NEW, 17 / 19)).all()
+    with pytest.raises(ValueError, match=r"needs 19 left-out samples of task 'a', and"):
+        model.conformal_interval(NEW, by_task=True)
+    with pytest.raises(ValueError, match=r"level=1.0 must be one number in \[0, 1\)"):
+        model.conformal_interval(NEW, 1.0)
+
+
+def test_nineteen_are_enough():
+    """0.95 of 20 samples, and the new one, are 19: the largest error."""
+    model = IndependentGP().fit(*draw(19, 2))
+    assert np.isfinite(model.conformal_interval(NEW)).all()
+
+
+def test_tasks_that_nobody_saw():
+    model = MultiTaskGPRegressor(rank=1, shared=True, **FAST).fit(*DATA)
+    unseen = NEW.assign(task="z")
+    lower, upper = model.conformal_interval(unseen, 0.9)
+    assert (lower < upper).all()
+    with pytest.raises(ValueError, match="Unknown task 'z'"):
+        model.conformal_interval(unseen, 0.9, by_task=True)
+
+
+def test_wide():
+    """Each column's interval is that of its task."""
+    x = np.linspace(0.0, 6.0, 25)[:, None]
+    Y = np.hstack([np.sin(x), np.cos(x)])
+    Y += 0.1 * np.random.default_rng(0).standard_normal(Y.shape)
+    wide = WideRegressor(MultiTaskGPRegressor(rank=2, **FAST)).fit(x, Y)
+    lower, upper = wide.conformal_interval(x[:4], 0.9, by_task=True)
+    assert lower.shape == (4, 2)
+    stacked = np.column_stack([np.tile(x[:4, 0], 2), np.repeat([0, 1], 4)])
+    found = wide.estimator_.conformal_interval(stacked, 0.9, by_task=True)
+    np.testing.assert_allclose((lower, upper), [of.reshape(2, 4).T for of in found])
+    assert np.isfinite(wide.conformal_interval(x[:4], 0.9, alpha=0.1)).all()

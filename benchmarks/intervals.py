@@ -225,10 +225,12 @@ def report(rows):
     table = cells[["y", "f", "density", "mse"]].mean()
     of_cells = [name for name in ("seconds", "times", "ess", "rhat") if name in rows]
     table[of_cells] = cells[of_cells].median()
+    table[["y error", "f error"]] = cells[["y", "f"]].sem()
     table["draws"] = cells.size()
     print(table.round(3).to_string(na_rep="-"))
-    over_ranks = rows.groupby(["fit", "tasks", "rows", "by"])
-    table = over_ranks[["y", "f"]].mean()
+    ways = ["fit", "tasks", "rows", "by"]
+    over_ranks, held = rows.groupby(ways), table[["y", "f"]]
+    table = held.groupby(ways).mean()  # ranks count alike, whatever their draws
     table[["median density", "median mse"]] = over_ranks[["density", "mse"]].median()
     print("\nOver the ranks\n")
     print(table.round(3).to_string())

@@ -345,8 +345,8 @@ class SamplingWarning(SkmtgpWarning, UserWarning):
     """Draws of the hyperparameters represent their posterior poorly.
 
     Chains move slowly, or stay near modes that they do not leave. The draws are then
-    worth few independent ones, and intervals may be too narrow. The warning comes if the
-    effective sample size is below 25, R-hat above 1.2, or more than 5 % of the
+    worth few independent ones, and intervals may be too narrow. The warning comes if
+    the effective sample size is below 25, R-hat above 1.2, or more than 5 % of the
     trajectories diverged.
 
     Examples

@@ -594,7 +594,7 @@ class SingleTaskGP(ConformalMixin, Estimator):
     def _errors_left_out(self):
         errors = np.full((len(self.tasks_train_), self._n_outputs), np.nan)
         for rows, model in self._parts(self.tasks_train_):
-            if len(rows) > 1:  # of a single sample the mean is the sample itself
+            if len(rows) > 1 or not self.normalize_y:  # else it is the mean itself
                 errors[rows] = model._errors_left_out()
         return errors
 

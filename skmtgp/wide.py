@@ -615,11 +615,11 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         self,
         X: ArrayLike,
         level: float = 0.95,
-        by_task: bool = False,
         *,
+        by_task: bool = False,
         alpha: ArrayLike | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Predict the interval that left-out values say contains a value.
+        """Predict an interval that is as wide as errors of left-out values.
 
         See :meth:`MultiTaskGPRegressor.conformal_interval`. Values of the same row are
         hardly exchangeable with others: where rows are noisy as a whole, intervals are
@@ -651,7 +651,8 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             If X, `level` or `alpha` cannot be used, or if there are too few values for
             `level`.
         """
-        return self._ask("conformal_interval", X, level, by_task, alpha=alpha)
+        asked = {"by_task": by_task}
+        return self._ask("conformal_interval", X, level, alpha=alpha, **asked)
 
     @public
     def log_predictive_density(

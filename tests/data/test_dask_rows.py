@@ -265,6 +265,7 @@ class TestFitted:
         match = "needs the training rows, but the MultiTaskGPRegressor was fitted to"
         for call in (
             model.loo_predict,
+            lambda: model.conformal_interval(X[:2]),
             lambda: model.log_marginal_likelihood(eval_gradient=True),
             lambda: model.add_task([[0.0, 0.0, 7]], [1.0]),
         ):

@@ -64,7 +64,7 @@ def from_left_out(model, X, y, new, level, by_task):
 def test_the_definition(model, level, by_task):
     fitted = model.fit(*DATA)
     expected = from_left_out(fitted, *DATA, NEW, level, by_task)
-    found = fitted.conformal_interval(NEW, level, by_task)
+    found = fitted.conformal_interval(NEW, level, by_task=by_task)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
 
 
@@ -86,10 +86,10 @@ def test_what_intervals_hold():
             inside = (ends[0] <= y) & (y <= ends[1])
             return inside.mean(), inside[b].mean()
 
-        ends = [model.conformal_interval(X_new, *of) for of in ((0.5,), (), (0.9, 1))]
-        ends = [*ends, model.conformal_interval(X_new, 0.9)]
+        ends = [model.conformal_interval(X_new, level) for level in (0.5, 0.95, 0.9)]
+        ends = [*ends, model.conformal_interval(X_new, 0.9, by_task=True)]
         shares.append([*map(held, ends), held(model.predict_interval(X_new, 0.5))])
-    half, most, by_task, together, own = np.mean(shares, axis=0)
+    half, most, together, by_task, own = np.mean(shares, axis=0)
     assert abs(half[0] - 0.5) < 0.05
     assert abs(most[0] - 0.95) < 0.02
     assert own[0] > 0.6
@@ -156,8 +156,23 @@ def test_a_task_of_one_sample_says_nothing_alone():
     X, y = DATA
     with_one = pd.concat([X, pd.DataFrame({"x": [3.0], "task": ["c"]})])
     expected = SingleTaskGP().fit(X, y).conformal_interval(NEW, 0.8)
-    found = SingleTaskGP().fit(with_one, np.append(y, 1.0)).conformal_interval(NEW, 0.8)
+    y_of_all = np.append(y, 1.0)
+    found = SingleTaskGP().fit(with_one, y_of_all).conformal_interval(NEW, 0.8)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
+    not_its_mean = SingleTaskGP(normalize_y=False).fit(with_one, y_of_all)
+    errors = not_its_mean._errors_left_out()
+    assert np.isfinite(errors).all()
+    assert errors[-1] > 0.0
+
+
+@pytest.mark.parametrize("normalize_y", ["per_task", "shared"])
+def test_a_task_of_one_sample_whose_mean_was_subtracted(normalize_y):
+    X, y = DATA
+    with_one = pd.concat([X, pd.DataFrame({"x": [3.0], "task": ["c"]})])
+    model = IndependentGP(normalize_y=normalize_y).fit(with_one, np.append(y, 1.0))
+    known = np.isfinite(model._errors_left_out())
+    assert known[:-1].all()
+    assert known[-1] == (normalize_y == "shared")
 
 
 def test_too_few_samples():

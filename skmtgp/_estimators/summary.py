@@ -85,6 +85,11 @@ class SummaryMixin:
         whatever the rows say. :class:`~skmtgp.inspection.TransferDisplay` says whether
         a task gains from the others.
 
+        Where functions are smooth over all inputs, they can hold what the tasks differ
+        by, and the learned variance of the levels is then almost 0: all tasks have the
+        same level, with a small deviation. To compare tasks, predict all of them at the
+        same inputs.
+
         The column "explained" needs `loo_predict`, which takes about a third of a
         decomposition of the covariance of all samples for each output.
 

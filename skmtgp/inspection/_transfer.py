@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.stats import norm, t
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
 from sklearn.utils import check_consistent_length
 
+from skmtgp._data.labels import rows_by_code
 from skmtgp._estimators.relations import evidence_of_relations
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import NarrowIntervalsWarning, UnidentifiedNoiseWarning
@@ -43,6 +44,9 @@ CLEAR = 3.0
 # Those that matter: what a task owes to the others, and to what has it alone. A third
 # function was found to add hardly anything, were the model of full rank.
 MOST_NUMBERS = 2
+# Rows for each hyperparameter of a task alone, below which it is learned without the
+# rows that it predicts, in so many folds: those that it has seen it predicts too well.
+ENOUGH, FOLDS = 6, 10
 OF_FEW_ROWS = NarrowIntervalsWarning, UnidentifiedNoiseWarning
 
 
@@ -109,8 +113,9 @@ class TransferDisplay(Display):
     or rank 2 it misses more related tasks, and with both more unrelated tasks pass for
     related. See :doc:`/guide/pictures`.
 
-    The hyperparameters of both models have seen the sample that is left out. A task
-    alone has fewer hyperparameters, but many for its rows.
+    The hyperparameters of the multi-task model have seen the sample that is left out. A
+    task alone with fewer than six rows for each hyperparameter would predict rows that
+    it has seen too well: it is learned again without them, in ten folds.
 
     Examples
     --------
@@ -261,7 +266,7 @@ class TransferDisplay(Display):
         of_model = _output(model._leave_out(include_noise=True), output)
         y = model.y_train_.reshape(len(of_model[0]), -1)[:, output]
         tasks = model.tasks_train_
-        of_alone = _alone(model, y, model._likelihoods[output].prior.kernels)
+        of_alone = _alone(model, y, output)
         table = _table(y, of_model, of_alone, tasks)
         table.index = pd.Index(model.tasks_, name="task")
         table["evidence"] = evidence_of_relations(model, output)
@@ -346,7 +351,7 @@ def _output(columns, output):
     return [values.reshape(len(values), -1)[:, output] for values in columns]
 
 
-def _alone(model, y, kernels):
+def _alone(model, y, output):
     """Means and deviations by a model of each task's other rows; NaN without any."""
     if model._trends() is not None:
         raise ValueError(
@@ -354,19 +359,51 @@ def _alone(model, y, kernels):
             "takes no trend. Fit it without one, or give predictions of both to "
             "from_predictions."
         )
-    alone = alone_like(model, kernels)
+    alone = alone_like(model, model._likelihoods[output].prior.kernels)
     alone.set_params(task_feature=-1, target_transform=None)  # y is transformed
     labels = model.tasks_[model.tasks_train_]  # warnings name them
     X = np.column_stack([model.X_train_.astype(object), labels])
+    known = None if model._known is None else model._known.output(output)
     with collect_warnings() as collected:
-        alone.fit(X, y, *(() if model._known is None else model._known.arguments()))
+        alone.fit(X, y, *(() if known is None else known.arguments()))
     for category, message in collected:
         if category not in OF_FEW_ROWS:  # others make up for them
             warn(f"Of the models of each task alone: {message}", category)
     found = np.stack(alone.loo_predict(include_noise=True))
-    counts = np.bincount(model.tasks_train_)
-    found[:, counts[model.tasks_train_] == 1] = np.nan  # their own mean was taken off
+    counts = np.bincount(model.tasks_train_)[model.tasks_train_]
+    found[:, counts == 1] = np.nan  # their own mean was taken off
+    sizes = [of.n_hyperparameters_ for of in alone.estimators_]
+    few = counts < ENOUGH * np.array(sizes)[model.tasks_train_]
+    for learned, left_out in _folds(model.tasks_train_, few & (counts > 1)):
+        found[:, left_out] = _predicted(alone, X, y, known, learned, left_out)
     return found
+
+
+def _folds(tasks, few):
+    """Rows to learn from and rows that are left out, of tasks of few rows alone."""
+    rng, fold = np.random.default_rng(0), np.full(len(tasks), -1)
+    for rows in rows_by_code(np.where(few, tasks + 1, 0))[1]:
+        fold[rows] = rng.permutation(len(rows)) % FOLDS
+    for k in range(FOLDS):
+        left_out = few & (fold == k)
+        if left_out.any():
+            yield few & ~left_out, left_out
+
+
+def _predicted(alone, X, y, known, learned, left_out):
+    """Means and deviations of rows that are left out, by models that are learned anew.
+
+    A row may be the mean of several measurements, and have a known noise.
+    """
+    parts = () if known is None else known.part(learned).arguments()
+    with collect_warnings():
+        model = clone(alone).fit(X[learned], y[learned], *parts)
+    mean, of_y = model.predict(X[left_out], return_std=True, include_noise=True)
+    if known is None:
+        return mean, of_y
+    _, of_f = model.predict(X[left_out], return_std=True)
+    noise = known.part(left_out).noise(of_y**2 - of_f**2)
+    return mean, np.sqrt(of_f**2 + noise)
 
 
 def _table(y, of_model, of_alone, codes):

@@ -79,6 +79,38 @@ class TestTable:
         assert table["evidence"][5] < 2.0
         assert table["error"][5] > 2.0 * table["error_alone"][5]
 
+    def test_a_task_alone_is_learned_without_the_rows_it_predicts(self):
+        """Of few rows for its hyperparameters it predicts those too well."""
+        rng = np.random.default_rng(10)
+        slopes = [2.0, -1.2, 1.0, 0.7, 0.0, 0.0] * (1 + 0.2 * rng.normal(size=(4, 6)))
+        task, Z = np.repeat(np.arange(4), 16), rng.normal(size=(64, 6))
+        y = (slopes[task] * Z).sum(axis=1) + 0.8 * rng.normal(size=64)
+        X = np.column_stack([Z, task])
+        model = MultiTaskGPRegressor(rank=1, learning="staged").fit(X, y)
+        table = TransferDisplay.from_estimator(model).transfer
+        assert (table["error_alone"] > 0.8).all()
+        assert "harmed" not in table["verdict"].tolist()
+        seen, _ = SingleTaskGP().fit(X, y).loo_predict()
+        assert np.mean(table["error_alone"] ** 2) > 1.3 * np.mean((y - seen) ** 2)
+
+    @pytest.mark.parametrize("rows", [4, 2])
+    def test_known_noise_of_few_rows(self, rows):
+        """What is left out is as uncertain as measured: means of many are less so."""
+        X, y = related(rows=rows)
+        model = MultiTaskGPRegressor(rank=1, max_iter=3)
+        found = []
+        for alpha in (0.04, 4.0):
+            fitted = clone(model).fit(X, y, alpha=np.full(len(y), alpha))
+            found.append(TransferDisplay.from_estimator(fitted).transfer)
+        certain, uncertain = (of["log_density_alone"] for of in found)
+        assert np.isfinite(certain).all()
+        assert np.isfinite(uncertain).all()
+        assert (uncertain < -np.log(2.0)).all()  # the noise alone has a deviation of 2
+        both = np.column_stack([y, y]), np.tile([4.0, 0.04], (len(y), 1))
+        fitted = clone(model).fit(X, both[0], alpha=both[1])
+        table = TransferDisplay.from_estimator(fitted, output=1).transfer
+        assert np.isfinite(table["log_density_alone"]).all()
+
     def test_units_of_y_do_not_matter(self):
         X, y = related(rows=8)
         model = MultiTaskGPRegressor(rank=1, max_iter=5)

@@ -71,11 +71,13 @@ errors = {"with pump 6": display.transfer["error"], "without": without["error"]}
 print(pd.DataFrame(errors).round(2).to_string())
 
 # %%
-# Alternatively, the data choose the rank. With two functions, pump 6 has one to itself.
-# It then neither helps nor harms the others, and it is still not related to them.
+# Alternatively, the data choose the form of the model. They choose one function that all
+# pumps share, and one of each pump's own, so that pump 6 has a function to itself. It
+# then neither helps nor harms the others, and it is still not related to them.
 from skmtgp import RankSearchIC
 
 search = RankSearchIC(MultiTaskGPRegressor(task_feature="pump")).fit(X, y)
 chosen = TransferDisplay.from_estimator(search).transfer
-print(f"rank {search.best_rank_}")
+best = search.best_estimator_
+print(f"rank {best.rank}, a function of each pump's own: {best.diagonal}")
 print(chosen[["error", "verdict", "evidence", "related"]].round(2).to_string())

@@ -71,9 +71,9 @@ errors = {"with pump 6": display.transfer["error"], "without": without["error"]}
 print(pd.DataFrame(errors).round(2).to_string())
 
 # %%
-# Alternatively, the data choose the form of the model. They choose one function that all
-# pumps share, and one of each pump's own, so that pump 6 has a function to itself. It
-# then neither helps nor harms the others, and it is still not related to them.
+# Alternatively, the data choose the form of the model. They choose one function that
+# all pumps share, and one of each pump's own, so that pump 6 has a function to itself.
+# It then neither helps nor harms the others, and it is still not related to them.
 from skmtgp import RankSearchIC
 
 search = RankSearchIC(MultiTaskGPRegressor(task_feature="pump")).fit(X, y)

@@ -48,7 +48,7 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import tell
 from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
-from skmtgp.learning.problem import wary
+from skmtgp.learning.ranks import wary
 from skmtgp.learning.weighing import is_unrelated, log_odds, preferred, simplest
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank

@@ -39,8 +39,7 @@ from skmtgp.learning.growing import learn_forms, learn_upwards, with_own
 from skmtgp.learning.novel import join_described, learn_again, learn_novel
 from skmtgp.learning.open_rows import with_open_rows
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
-from skmtgp.learning.problem import wary
-from skmtgp.learning.ranks import learn_ranks
+from skmtgp.learning.ranks import learn_ranks, wary
 from skmtgp.learning.settling import has_rows, settled
 from skmtgp.learning.shortlisting import chosen, learn_best
 from skmtgp.learning.terms import learn_terms
@@ -613,7 +612,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         for term in self._terms():
             self._check_rank(term, problems[0].data)
         forms = self._forms(problems[0])
-        problems = wary(problems, forms)
+        problems = wary(problems, forms, self.n_jobs)
         found = self._learn_one(problems, forms, progress)
         compared = len(forms) > 1 or self._asks_for_own(problems[0].engine)
         if self.verbose and compared:

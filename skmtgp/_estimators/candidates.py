@@ -8,7 +8,8 @@ from skmtgp._estimators.forms import SIMPLER
 from skmtgp._estimators.posing import pose
 from skmtgp._support.warnings import collect_warnings
 from skmtgp.learning.growing import with_own_functions
-from skmtgp.learning.problem import Mode, Problem, wary
+from skmtgp.learning.problem import Mode, Problem
+from skmtgp.learning.ranks import wary
 from skmtgp.learning.shortlisting import with_own_part
 
 OPEN = 5.0  # nats of BIC, within which ranks are drawn where hyperparameters are
@@ -138,7 +139,7 @@ def learn_again(model, of_forms, progress, training):
     budget = of_forms[0][0].budget
     problems = [replace(of, budget=budget) for of in pose(model, training)]
     forms = [of[0].prior.task_covariance for of in of_forms]
-    problems = wary(problems, forms)
+    problems = wary(problems, forms, model.n_jobs)
     order = sorted(range(len(forms)), key=lambda k: not forms[k].n_own)
     modes = model._learn_ranks(problems, [forms[k] for k in order], progress)
     modes = [modes[order.index(k)] for k in range(len(forms))]

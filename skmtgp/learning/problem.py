@@ -22,7 +22,9 @@ from skmtgp.learning.tuning import TUNING, Tuning
 from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.prior import Prior
 
-ROWS_EACH = 3  # for a hyperparameter, to tell that there is no noise
+# Rows for a hyperparameter to tell that there is no noise, and to tell it if step 1 of
+# learning, which has few hyperparameters, finds none.
+ROWS_EACH, NEARLY_EACH = 3, 2.5
 THE_OUTPUT = "the output"  # the name where there is one
 
 
@@ -154,6 +156,12 @@ class Problem:
             found.append(AlikeNoise(self.prior, self.noise_deviation))
         return found
 
+    def is_nearly_sure(self, form):
+        """Whether rows are nearly enough to tell a form that there is no noise."""
+        size = self.prior.with_form(form).n_hyperparameters
+        wary = self.noise_rate > 0.0 and self._of_little_noise() is not None
+        return wary and self.data.n_measured >= NEARLY_EACH * size
+
     def _of_little_noise(self):
         """Its density; None where the noise has another prior, or is not learned."""
         other = self.weak_priors and not self.noise_rate
@@ -259,16 +267,6 @@ class Problem:
             coarsest = min(coarsest, max(share, told, tuning.least_coarse))
             coarsest = max(coarsest, tuning.coarse_per_task * data.n_tasks)
         return coarsest + 2 * self.prior.n_coefficients  # which explain as many rows
-
-
-def wary(problems, forms):
-    """The problems of the only form of K^rho, each as `Problem.wary` has it.
-
-    Those of several forms are as they were: they are compared by their evidence.
-    """
-    if len(forms) > 1:
-        return problems
-    return [problem.wary(forms[0]) for problem in problems]
 
 
 class Mode(NamedTuple):

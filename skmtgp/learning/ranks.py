@@ -62,6 +62,40 @@ def learn_ranks(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     ]
 
 
+def wary(problems, forms, n_jobs=None):
+    """The problems of the only form of K^rho, each as `Problem.wary` has it.
+
+    Those of several forms are as they were: they are compared by their evidence. So are
+    those of data without noise, as step 1 finds them although it is wary, unless rows
+    are so few that this would make all intervals far too narrow.
+
+    Parameters
+    ----------
+    problems : list of Problem
+        For each output.
+    forms : list of LowRank, WithShared, WithDiagonal or Forms
+        Forms of K^rho.
+    n_jobs : int, default=None
+        Processes.
+
+    Returns
+    -------
+    problems : list of Problem
+        In the same order.
+    """
+    if len(forms) > 1:
+        return problems
+    careful = [problem.wary(forms[0]) for problem in problems]
+    if not problems[0].engine.exact or problems[0].prior.n_terms > 1:
+        return careful
+    doubtful = [j for j, of in enumerate(careful) if of.is_nearly_sure(forms[0])]
+    starts = make_starts(coarsest([careful[j] for j in doubtful]), n_jobs)
+    for j, of_output in zip(doubtful, starts, strict=True):
+        if not likeliest(of_output).is_noisy:
+            careful[j] = problems[j]
+    return careful
+
+
 def all_starts(problems, seeds, n_jobs):
     """Where learning from the coarsest rows begins, for each output; of all ranks."""
     coarse = coarsest(problems)

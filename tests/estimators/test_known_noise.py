@@ -305,9 +305,10 @@ def test_drawn_hyperparameters():
     assert np.isfinite(model.predict(NEW, return_std=True)).all()
 
 
-def test_which_tasks_help(model):
+def test_which_tasks_help(model, monkeypatch):
     """The models of single tasks that it is compared with know the noise, too."""
     pytest.importorskip("matplotlib")
+    monkeypatch.setattr("skmtgp.inspection._transfer.ENOUGH", 0)  # rows: no folds
     display = TransferDisplay.from_estimator(model)
     kernels = model._likelihoods[0].prior.kernels
     alone = alone_like(model, kernels).set_params(task_feature=-1)

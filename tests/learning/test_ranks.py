@@ -18,7 +18,7 @@ from samples import Listener
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.learning import ranks
 from skmtgp.learning.problem import Budget, Mode
-from skmtgp.learning.ranks import learn_ranks
+from skmtgp.learning.ranks import learn_ranks, wary
 from skmtgp.learning.stages import first_stage, full_rank_start, perturbed, second_stage
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
@@ -262,3 +262,21 @@ class TestAnotherWay:
     def test_noisy_data_have_their_mode(self, problem):
         mode = self.at(problem, level=0.1, noise=0.1)
         assert ranks._another_way(problem, mode) is mode
+
+
+@pytest.mark.parametrize(
+    ("noise", "n_rows", "expects"),
+    [(0.0, 36, False), (0.3, 36, True), (0.0, 30, True), (0.3, 30, True)],
+)
+def test_step_1_tells_that_there_is_no_noise(data, noise, n_rows, expects):
+    """Of 2.8 rows a hyperparameter it does, of 2.3 not: those are too few."""
+    X, tasks = data.X, data.tasks
+    y = np.array([1.0, 0.5, -0.8])[tasks] * np.sin(X[:, 0]) + 0.3 * X[:, 1]
+    y += noise * np.random.default_rng(0).standard_normal(len(y))
+    rows = np.sort(np.random.default_rng(1).permutation(len(y))[:n_rows])
+    drawn = building.data(X[rows], tasks[rows], y[rows], M)
+    problem = replace(pose(drawn), log_little=np.log(0.01))
+    [found] = wary([problem], RANKS[2:])
+    assert bool(found.noise_rate) == expects
+    assert found.noise_rate in (0.0, problem.wary(RANKS[2]).noise_rate)
+    assert wary([problem], RANKS) == [problem]  # several are compared by evidence

@@ -87,6 +87,8 @@ class Problem:
         Logarithm of the noise variance below which less is unlikely, see `SomeNoise`.
     noise_rate : float, default=0.0
         How fast, see `wary`.
+    spent : tuple of Mode, default=()
+        What was learned to tell that, which counts.
     unbounded : bool, default=False
         Whether equal targets of a task are `told` that they say nothing of the noise.
     noise_deviation : float, default=inf
@@ -107,6 +109,7 @@ class Problem:
     weak_priors: bool = False
     log_little: float = -np.inf
     noise_rate: float = 0.0
+    spent: tuple = ()
     unbounded: bool = False
     noise_deviation: float = np.inf
     log_scales: np.ndarray = field(default_factory=lambda: np.zeros(1))

@@ -57,8 +57,8 @@ def learn_ranks(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     starts = all_starts(problems, seeds, n_jobs)
     modes = from_starts(problems, forms, starts, n_jobs=n_jobs, progress=progress)
     return [
-        [with_starts(mode, of_output) for mode in of]
-        for of, of_output in zip(modes, starts, strict=True)
+        [with_starts(mode, of_output).counting(problem.spent) for mode in of]
+        for problem, of, of_output in zip(problems, modes, starts, strict=True)
     ]
 
 
@@ -91,8 +91,8 @@ def wary(problems, forms, n_jobs=None):
     doubtful = [j for j, of in enumerate(careful) if of.is_nearly_sure(forms[0])]
     starts = make_starts(coarsest([careful[j] for j in doubtful]), n_jobs)
     for j, of_output in zip(doubtful, starts, strict=True):
-        if not likeliest(of_output).is_noisy:
-            careful[j] = problems[j]
+        chosen = careful[j] if likeliest(of_output).is_noisy else problems[j]
+        careful[j] = replace(chosen, spent=tuple(start.mode for start in of_output))
     return careful
 
 

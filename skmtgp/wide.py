@@ -651,8 +651,8 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             If X, `level` or `alpha` cannot be used, or if there are too few values for
             `level`.
         """
-        asked = {"by_task": by_task}
-        return self._ask("conformal_interval", X, level, alpha=alpha, **asked)
+        options = {"by_task": by_task, "alpha": alpha}
+        return self._ask("conformal_interval", X, level, **options)
 
     @public
     def log_predictive_density(

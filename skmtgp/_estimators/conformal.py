@@ -121,8 +121,8 @@ class ConformalMixin(PosteriorMixin):
         check_level(level)
         check_is_fitted(self)
         model = as_it_is(self._model())
-        seen = model._knows_unseen() and not by_task
-        features, codes = check_test(model, X, unseen=seen)
+        unseen = model._knows_unseen() and not by_task
+        features, codes = check_test(model, X, unseen=unseen)
         known = model._known_noise(alpha, X, None, len(features))
         widths = _widths(model, codes, level, by_task)
         with limit_threads(model._side):

@@ -583,7 +583,8 @@ class SingleTaskGP(ConformalMixin, Estimator):
     def _left_out(self, include_noise):
         """Means and variances of each training sample given the others of its task.
 
-        Of each normal that is mixed, (n_components, n_samples, n_outputs) each.
+        Of each normal that is mixed, with its weight: (n_components, n_samples,
+        n_outputs) each.
         """
 
         def of_task(model, rows):
@@ -599,10 +600,11 @@ class SingleTaskGP(ConformalMixin, Estimator):
         return errors
 
     def _mixed(self, codes, components):
-        """Means and variances, from what `components` gives of each task's rows."""
+        """Of all rows together, what `components` gives of each task's rows."""
         found = [(rows, components(model, rows)) for rows, model in self._parts(codes)]
         n_components = max((len(of[0]) for _, of in found), default=1)
-        together = np.empty((2, n_components, len(codes), self._n_outputs))
+        n_arrays = max((len(of) for _, of in found), default=2)
+        together = np.empty((n_arrays, n_components, len(codes), self._n_outputs))
         for rows, of_rows in found:
             together[:, :, rows] = of_rows
         return together

@@ -10,6 +10,7 @@ from skmtgp._data.checks import check_test
 from skmtgp._data.labels import name_tasks, rows_by_code
 from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.predicting import PosteriorMixin, check_level
+from skmtgp._numerics.mixtures import as_one
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import as_it_is
 
@@ -82,20 +83,27 @@ class ConformalMixin(PosteriorMixin):
         and the ends are transformed back. A task of one sample is not counted if its
         mean was subtracted from it.
 
+        These errors are too small where samples are few, for the hyperparameters were
+        learned from them, too. So below 30 samples for each hyperparameter the mean
+        :math:`\mu_i` is what it would be without that: to first order in what one sample
+        moves the mode, with its leverage. Drawn hyperparameters count by what they are
+        likely without the sample instead. Models of several kernels stay as they are.
+
         This is the jackknife with standardised errors, for exchangeable samples.
         Unlike the jackknife+, which needs all fits, it has no proven coverage. It is
-        right if predictions, and the hyperparameters, hardly change with one sample
-        less. With few samples for each hyperparameter intervals are too narrow. The
-        errors are of known tasks, and say nothing about how an unseen task differs:
-        for such a task take `predict_interval`.
+        right if predictions hardly change with one sample less. The errors are of known
+        tasks, and say nothing about how an unseen task differs: for such a task take
+        `predict_interval`.
 
-        Every call leaves out all samples, in the time and memory of `loo_predict`. So
-        ask for all rows at once.
+        Every call leaves out all samples. With few samples for each hyperparameter this
+        takes a gradient of the likelihood and two posteriors for each, which is less
+        than a fit. So ask for all rows at once.
 
         References
         ----------
         Barber, Candès, Ramdas and Tibshirani (2021), "Predictive inference with the
-        jackknife+", Annals of Statistics 49(1).
+        jackknife+", Annals of Statistics 49(1). Gelfand, Dey and Chang (1992), "Model
+        determination using predictive distributions", Bayesian Statistics 4, for draws.
 
         Examples
         --------
@@ -127,7 +135,7 @@ class ConformalMixin(PosteriorMixin):
         widths = _widths(model, codes, level, by_task)
         with limit_threads(model._side):
             found = model._components(features, codes, include_noise=True)
-        mean, variance = _as_one(*found)
+        mean, variance = as_one(*found, 1.0)
         half = widths * np.sqrt(variance + known)
         ends = np.stack([mean - half, mean + half])
         lower, upper = np.sort(model._target.back(ends), axis=0)  # it may fall
@@ -139,17 +147,13 @@ class ConformalMixin(PosteriorMixin):
         They have the shape (n_samples, n_outputs). Of a task's only sample, which is
         the task's mean, it is 0 and says nothing: it is NaN.
         """
-        mean, variance = _as_one(*self._left_out(include_noise=True))
-        errors = (self.y_train_.reshape(mean.shape) - mean) / np.sqrt(variance)
+        mean, variance = as_one(*self._left_out(include_noise=True))
+        residuals = self.y_train_.reshape(mean.shape) - mean
+        errors = (residuals + self._relearned()) / np.sqrt(variance)
         if self._units.own_centres:
             alone = np.bincount(self.tasks_train_) == 1
             errors[alone[self.tasks_train_]] = np.nan
         return errors
-
-
-def _as_one(means, variances):
-    """Mean and variance of mixtures of normals, (n_components, ...) each."""
-    return means.mean(axis=0), variances.mean(axis=0) + means.var(axis=0)
 
 
 def _widths(model, codes, level, by_task):

@@ -27,6 +27,7 @@ from skmtgp.inference.leeway import widened
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.forecast import is_large
+from skmtgp.learning.jackknife import relearned
 from skmtgp.learning.laplace import with_leeway
 from skmtgp.learning.screening import price
 from skmtgp.learning.tuning import TUNING
@@ -99,7 +100,10 @@ class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
 
         The hyperparameters, `y_mean_` and `y_scale_` stay as they are, although they
         were learned with the sample that is left out. So these predictions are somewhat
-        better than those of new samples, the more so the fewer samples there are. The
+        better than those of new samples, the more so the fewer samples there are. Drawn
+        hyperparameters count by what they are likely without the sample, by 1 over its
+        density given the others (Gelfand, Dey and Chang 1992), at most by the square
+        root of `n_draws` times the mean of that (Ionides 2008). The
         only sample of a task is predicted from the other tasks, as far as the task
         covariance relates them. Without any relation it gets the prior, with the mean
         `y_mean_`, or 0 without `normalize_y`.
@@ -150,6 +154,21 @@ class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
         scale = self._scales(self.tasks_train_)
         mean = self.y_train_.reshape(residual.shape) - residual * scale
         return mean, np.sqrt(variance) * scale
+
+    def _relearned(self):
+        """What residuals of left-out samples grow by if nothing is learned from them.
+
+        An array (n_samples, n_outputs), in units of transformed targets. Draws of the
+        hyperparameters are weighed instead, and models of several kernels stay.
+        """
+        outputs = list(zip(self._likelihoods, self._thetas(), strict=True))
+        growth = np.zeros((len(self.tasks_train_), len(outputs)))
+        if not self.n_iter_ or self._is_sampled() or outputs[0][0].prior.n_terms > 1:
+            return growth
+        order = self._training().order(self._engine)
+        for of_output, output in zip(growth.T, outputs, strict=True):
+            of_output[order] = relearned(*output)
+        return growth * self._scales(self.tasks_train_)
 
     @overload
     def log_marginal_likelihood(

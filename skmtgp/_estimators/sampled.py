@@ -16,6 +16,7 @@ from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.forms import lower_rank
 from skmtgp._estimators.predicting import JOINTLY, check_joint
 from skmtgp._numerics.linalg import correlation, draw_normal
+from skmtgp._numerics.mixtures import weights_left_out
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import say
 from skmtgp._support.warnings import warn
@@ -176,16 +177,26 @@ class SampledMixin:
         return means * scales + centre, variances
 
     def _left_out(self, include_noise):
-        """Means and variances of training samples, each given the others.
+        """Means and variances of training samples, each given the others, and weights.
 
-        Both have the shape (n_draws, n_samples, n_outputs). A mode counts as one draw.
+        All have the shape (n_draws, n_samples, n_outputs). A mode counts as one draw.
         """
         parts = [self._predictive]
         if self._is_sampled():
-            parts = map(list, zip(*(of.parts for of in self._predictive), strict=True))
-        found = [self._leave_out(include_noise, of_draw) for of_draw in parts]
-        means, deviations = np.stack(found, axis=1)
-        return means, np.square(deviations)
+            parts = list(zip(*(of.parts for of in self._predictive), strict=True))
+
+        def by_parts(include_noise):
+            found = [self._leave_out(include_noise, part) for part in parts]
+            means, deviations = np.stack(found, axis=1)
+            return means, np.square(deviations)
+
+        means, variances = by_parts(include_noise=True)
+        weights = weights_left_out(
+            self.y_train_.reshape(means[0].shape) - means, variances
+        )
+        if not include_noise:
+            variances = by_parts(include_noise=False)[1]
+        return means, variances, weights
 
     # drawing
 

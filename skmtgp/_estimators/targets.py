@@ -97,16 +97,20 @@ class Transformed(AsGiven):
         )
 
     def left_out(self, model, include_noise):
-        means, variances = model._left_out(include_noise)
-        deviations = np.sqrt(self._variances(means, variances))
-        return self.back(means.mean(axis=0)), deviations
+        means, variances, weights = model._left_out(include_noise)
+        deviations = np.sqrt(self._variances(means, variances, weights))
+        return self.back((weights * means).mean(axis=0)), deviations
 
-    def _variances(self, means, variances):
+    def _variances(self, means, variances, weights=1.0):
         """Those of y of mixtures of normals, (n_components, n_samples, n_outputs)."""
-        deviations = np.sqrt(variances)
+        of_columns = np.broadcast_arrays(means, np.sqrt(variances), weights)
         found = [
-            moments(means[..., j], deviations[..., j], column.back)[1]
-            for j, column in enumerate(self.columns)
+            moments(mean, deviation, column.back, weight)[1]
+            for column, mean, deviation, weight in zip(
+                self.columns,
+                *(np.moveaxis(of, -1, 0) for of in of_columns),
+                strict=True,
+            )
         ]
         return np.stack(found, axis=-1)
 

@@ -64,17 +64,70 @@ def log_density(means, deviations, values):
     return mixed - 0.5 * np.log(2.0 * np.pi)
 
 
-def moments(means, deviations, function):
+def weights_left_out(residuals, variances):
+    r"""How much each draw of the hyperparameters counts where a sample is left out.
+
+    The draws are from their posterior given all samples. Given all but one it is less
+    by the density of that one (Gelfand, Dey and Chang 1992), so that a draw counts by
+
+    .. math:: 1 / p(y_i \mid y_{-i}, \theta),
+
+    and at most by sqrt(n_draws) times the mean of that (Ionides 2008): few draws would
+    else count alone.
+
+    Parameters
+    ----------
+    residuals : ndarray of shape (n_draws, ...)
+        Each observation minus its mean given all others, by each draw.
+    variances : ndarray of the same shape
+        Its variance, with that of the noise.
+
+    Returns
+    -------
+    weights : ndarray of the same shape
+        1 on average over the draws.
+    """
+    variances = np.maximum(variances, np.finfo(float).tiny)
+    with np.errstate(over="ignore"):  # so far away that no other draw counts
+        logs = 0.5 * (np.square(residuals) / variances + np.log(variances))
+    logs = np.minimum(logs, np.finfo(float).max)
+    weights = np.exp(logs - logs.max(axis=0))
+    most = np.sqrt(len(weights)) * weights.mean(axis=0)
+    weights = np.minimum(weights, most)
+    return weights / weights.mean(axis=0)
+
+
+def as_one(means, variances, weights):
+    """Mean and variance of mixtures of normals.
+
+    Parameters
+    ----------
+    means, variances : ndarray of shape (n_components, ...)
+        Of the components.
+    weights : ndarray that broadcasts to this shape
+        Of each, 1 on average over the components.
+
+    Returns
+    -------
+    mean, variance : ndarray of shape (...)
+    """
+    mean = (weights * means).mean(axis=0)
+    return mean, (weights * (variances + np.square(means - mean))).mean(axis=0)
+
+
+def moments(means, deviations, function, weights=1.0):
     """Mean and variance of a function of what has a mixture of normals.
 
     Parameters
     ----------
     means : ndarray of shape (n_components, ...)
-        Means of the components, which are equally likely.
+        Means of the components.
     deviations : ndarray of the same shape
         Their standard deviations.
     function : callable
         Takes and gives arrays of any shape, element by element.
+    weights : float or ndarray of the same shape, default=1.0
+        Of the components, 1 on average.
 
     Returns
     -------
@@ -84,6 +137,6 @@ def moments(means, deviations, function):
     first, second = np.zeros((2, *around.shape))
     for node, weight in zip(NODES, WEIGHTS, strict=True):
         away = function(means + node * deviations) - around
-        first += weight * away.mean(axis=0)
-        second += weight * np.square(away).mean(axis=0)
+        first += weight * (weights * away).mean(axis=0)
+        second += weight * (weights * np.square(away)).mean(axis=0)
     return around + first, np.maximum(second - np.square(first), 0.0)

@@ -4,6 +4,8 @@ from copy import copy
 
 import numpy as np
 
+from skmtgp._numerics.mixtures import as_one, weights_left_out
+
 
 class Mixture:
     """Posteriors of f at several draws of theta, each as likely as the others.
@@ -101,10 +103,16 @@ class Mixture:
         return total
 
     def leave_one_out(self, include_noise=False):
-        """Each training sample predicted from the others, see Posterior."""
-        found = self._of_parts(lambda part: part.leave_one_out(include_noise))
+        """Each training sample predicted from the others, see Posterior.
+
+        The draws count by what they would have been likely without the sample.
+        """
+        found = self._of_parts(lambda part: part.leave_one_out(include_noise=True))
         residuals, variances = np.moveaxis(found, 1, 0)
-        return residuals.mean(axis=0), _variance(residuals, variances)
+        weights = weights_left_out(residuals, variances)
+        if not include_noise:
+            variances = self._of_parts(lambda part: part.leave_one_out()[1])
+        return as_one(residuals, variances, weights)
 
     @property
     def levels(self):
@@ -131,4 +139,4 @@ class Mixture:
 
 def _variance(means, variances):
     """Of a mixture, from the means and variances of its parts."""
-    return variances.mean(axis=0) + means.var(axis=0)
+    return as_one(means, variances, 1.0)[1]

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import (
     IndependentGP,
@@ -28,6 +29,7 @@ def draw(n, seed, b=4.0):
 
 
 DATA = draw(60, 0)
+MANY = draw(300, 2)  # for which errors do not grow without what was learned from them
 NEW, _ = draw(20, 1)
 
 
@@ -62,10 +64,64 @@ def from_left_out(model, X, y, new, level, by_task):
 )
 @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning")
 def test_the_definition(model, level, by_task):
-    fitted = model.fit(*DATA)
-    expected = from_left_out(fitted, *DATA, NEW, level, by_task)
+    fitted = model.fit(*MANY)
+    expected = from_left_out(fitted, *MANY, NEW, level, by_task)
     found = fitted.conformal_interval(NEW, level, by_task=by_task)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"max_iter": 0},
+        {"kernel": [RBF(1.0), RBF(0.1)], "learning": "annealed"},
+        {"hyperparameters": "sampled", "n_draws": 20},
+    ],
+)
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning")
+def test_errors_that_do_not_grow(options):
+    """Nothing was learned, or nothing is told of it, or draws are weighed instead."""
+    model = MultiTaskGPRegressor(rank=1, **FAST | options).fit(*DATA)
+    expected = from_left_out(model, *DATA, NEW, 0.9, False)
+    np.testing.assert_allclose(model.conformal_interval(NEW, 0.9), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("options", [FAST, {"hyperparameters": "laplace"}])
+def test_errors_grow_where_rows_are_few(options):
+    model = MultiTaskGPRegressor(rank=1, **options).fit(*DATA)
+    plain = from_left_out(model, *DATA, NEW, 0.9, False)
+    ratio = np.subtract(*model.conformal_interval(NEW, 0.9)) / np.subtract(*plain)
+    assert 1.01 < ratio.min() < 1.3
+
+
+def few(seed, n_rows, n_tasks=6):
+    """Rows of tasks that are multiples of one function, and new ones."""
+    rng = np.random.default_rng(seed)
+    task = np.repeat(np.arange(n_tasks), n_rows + 50)
+    x, of_task = rng.uniform(0.0, 6.0, len(task)), rng.standard_normal(n_tasks)
+    y = of_task[task] * np.sin(x + rng.uniform(0.0, 6.0))
+    y += 0.2 * rng.standard_normal(len(y))
+    learned = np.tile(np.arange(n_rows + 50) < n_rows, n_tasks)
+    X = np.column_stack([x, task])
+    return X[learned], y[learned], X[~learned], y[~learned]
+
+
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.NarrowIntervalsWarning")
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.UnidentifiedNoiseWarning")
+def test_what_few_rows_hold():
+    """Nine hyperparameters are learned from thirty rows."""
+    held, plain = [], []
+    for seed in range(8):
+        X, y, X_new, y_new = few(seed, 5)
+        model = MultiTaskGPRegressor(rank=2, **FAST).fit(X, y)
+        mean, std = model.loo_predict(include_noise=True)
+        q = quantile(np.abs(y - mean) / std, 0.9)
+        mean, std = model.predict(X_new, return_std=True, include_noise=True)
+        plain.append(np.mean(np.abs(y_new - mean) <= q * std))
+        lower, upper = model.conformal_interval(X_new, 0.9)
+        held.append(np.mean((lower <= y_new) & (y_new <= upper)))
+    assert np.mean(plain) < 0.8
+    assert 0.86 < np.mean(held) < 0.96
 
 
 def test_what_intervals_hold():
@@ -112,7 +168,7 @@ def test_transformed_targets():
 
 
 def test_outputs_have_their_own_widths():
-    X, y = DATA
+    X, y = MANY
     Y = np.column_stack([y, np.cbrt(y)])
     together = MultiTaskGPRegressor(rank=1, **FAST).fit(X, Y)
     found = together.conformal_interval(NEW, 0.8)
@@ -140,12 +196,12 @@ def test_known_noise_widens():
 
 def test_new_tasks_count():
     """Samples that joined are left out, too."""
-    model = MultiTaskGPRegressor(rank=1, **FAST).fit(*DATA)
+    model = MultiTaskGPRegressor(rank=1, **FAST).fit(*MANY)
     X, y = draw(25, 3)
     joined = add_task(model, X.assign(task="c"), y)
     new = NEW.assign(task="c")
     found = joined.conformal_interval(new, 0.9, by_task=True)
-    mean, std = (of[60:] for of in joined.loo_predict(include_noise=True))
+    mean, std = (of[300:] for of in joined.loo_predict(include_noise=True))
     q = quantile(np.abs(y - mean) / std, 0.9)
     mean, std = joined.predict(new, return_std=True, include_noise=True)
     np.testing.assert_allclose(found, [mean - q * std, mean + q * std], rtol=1e-9)

@@ -997,6 +997,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             return modes
         return list(map(with_open_rows, problems, modes, posteriors))
 
+    def _counts_learning(self):
+        return self.learning == "annealed"  # the others are the paper's
+
     def _store(self, training, problems, modes, lower=()):
         super()._store(training, problems, modes, lower)
         described = has_descriptors(self)  # parameters may be others when tasks join

@@ -23,11 +23,11 @@ from skmtgp._support.guide import INFERENCE, PARALLEL
 from skmtgp._support.progress import say
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import PrecisionWarning
-from skmtgp.inference.leeway import widened
+from skmtgp.inference.leeway import times_of, widened
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.forecast import is_large
-from skmtgp.learning.jackknife import relearned
+from skmtgp.learning.jackknife import relearned, with_growth
 from skmtgp.learning.laplace import with_leeway
 from skmtgp.learning.screening import price
 from skmtgp.learning.tuning import TUNING
@@ -354,6 +354,13 @@ class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
     def _noises(self, codes):
         """Those of each draw of the hyperparameters, (n_draws, n_samples, n_outputs).
 
+        They are larger than those learned where all variances are, see `OfAll`.
+        """
+        return self._noises_learned(codes) * list(map(times_of, self._leeway))
+
+    def _noises_learned(self, codes):
+        """The same as they were learned.
+
         A task that was never seen has the geometric mean of the others', each counted
         as often as it has rows.
         """
@@ -386,6 +393,8 @@ class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
         posteriors = self._posteriors_at(training, likelihoods, modes)
         if way in ("mode", "map"):
             modes = self._opened(problems, modes, posteriors)
+        if way != "sampled" and self._counts_learning():
+            modes = list(map(with_growth, problems, modes, posteriors))
         learned = training, problems[0].engine, likelihoods, modes, posteriors
         self._store_learned(*learned)
         self.hyperparameters_ = way
@@ -399,6 +408,10 @@ class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
     def _opened(self, problems, modes, posteriors):
         """Modes with what is open of rows of F; a subclass may have such rows."""
         return modes
+
+    def _counts_learning(self):
+        """Whether variances count that hyperparameters were learned from few rows."""
+        return True
 
     def _store_learned(self, training, engine, likelihoods, modes, posteriors):
         """Set them from likelihoods and posteriors that are there already."""

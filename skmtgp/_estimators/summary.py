@@ -114,7 +114,7 @@ class SummaryMixin:
         columns = {
             "level": np.reshape(self.task_level_, (-1, n_tasks)),
             "level_std": np.reshape(self.task_level_std_, (-1, n_tasks)),
-            "noise_std": np.sqrt(self._noise(np.arange(n_tasks))).T,
+            "noise_std": np.sqrt(self._noises_learned(np.arange(n_tasks)).mean(0)).T,
             "explained": self._explained(),
         }
         frames = []

@@ -53,6 +53,26 @@ class OfTheta(NamedTuple):
         return OfTheta(np.array([list(map(changed, pair)) for pair in self.ends]))
 
 
+class OfAll(NamedTuple):
+    """How much larger all variances are, those of the noise among them.
+
+    Attributes
+    ----------
+    times : float
+        What they are multiplied by.
+    """
+
+    times: float
+
+    def bordered(self, prior, theta, *border):
+        """The same once a task has joined."""
+        return self
+
+    def with_row(self, prior, theta, rows, own, task):
+        """The same once a task has other rows of F."""
+        return self
+
+
 def _rows_at(prior, theta, end, rows):
     """A task's rows of F at an end, of each term."""
     found, terms = [], [form for _, form in prior.terms]
@@ -74,12 +94,12 @@ def widened(posterior, likelihood, leeway):
         Of the mode.
     likelihood : Likelihood
         Where it comes from.
-    leeway : tuple of OfTheta or OfRow
+    leeway : tuple of OfTheta, OfRow or OfAll
         What is open, see :mod:`skmtgp.inference.open_rows` too.
 
     Returns
     -------
-    posterior : Posterior, Widened or OpenRows
+    posterior : Posterior, Widened, OpenRows or Scaled
     """
     rows = [of for of in leeway if isinstance(of, OfRow)]
     if rows:
@@ -87,7 +107,13 @@ def widened(posterior, likelihood, leeway):
     for of in leeway:
         if isinstance(of, OfTheta):
             posterior = Widened(posterior, likelihood, of.ends)
-    return posterior
+    times = times_of(leeway)
+    return posterior if times == 1.0 else Scaled(posterior, times)
+
+
+def times_of(leeway):
+    """What all variances are multiplied by, beside what else is open."""
+    return float(np.prod([of.times for of in leeway if isinstance(of, OfAll)]))
 
 
 class Widened:
@@ -178,6 +204,55 @@ class Widened:
         widened.posterior = self.posterior.with_unseen(*widened.unseen)
         widened.known = None
         return widened
+
+
+class Scaled:
+    """A posterior of f whose variances are so many times as large; means stay.
+
+    Parameters
+    ----------
+    posterior : Posterior, Widened or OpenRows
+        Of the mode.
+    times : float
+        What variances are multiplied by. In errors of left-out samples it is that of
+        the noise, too.
+    """
+
+    def __init__(self, posterior, times):
+        self.posterior, self.times = posterior, times
+
+    def __getattr__(self, name):
+        if name.startswith("__") or name == "posterior":
+            raise AttributeError(name)
+        return getattr(self.posterior, name)
+
+    def variance(self, X, tasks):
+        """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
+        return self.times * self.posterior.variance(X, tasks)
+
+    def covariance(self, X, tasks):
+        """Covariance of f, of shape (n_samples, n_samples)."""
+        covariance = self.posterior.covariance(X, tasks)
+        covariance *= self.times
+        return covariance
+
+    def leave_one_out(self, include_noise=False):
+        """Each training sample predicted from the others, see Posterior."""
+        residual, variance = self.posterior.leave_one_out(include_noise)
+        return residual, self.times * variance
+
+    def level_variances(self):
+        """Variance of the level of each task, given the data, (n_tasks,)."""
+        return self.times * self.posterior.level_variances()
+
+    def coefficients_in_units(self):
+        """Means and deviations of the trend's coefficients, (n_sets, n_trend) each."""
+        means, deviations = self.posterior.coefficients_in_units()
+        return means, np.sqrt(self.times) * deviations
+
+    def with_unseen(self, n_unseen, described=None):
+        """The same that knows tasks without data, too; this one stays as it is."""
+        return Scaled(self.posterior.with_unseen(n_unseen, described), self.times)
 
 
 def _half_differences(pairs, evaluate):

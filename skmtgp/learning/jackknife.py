@@ -15,20 +15,27 @@ error, as in the method of Gauss and Newton. So the mode is at
 .. math:: e_i - \frac{g^T d}{1 - g^T g}.
 
 Here :math:`g^T g` is what the leverage is in linear regression, of which the formula is
-a known one: that of errors of left-out samples.
+a known one: that of errors of left-out samples. The mean square of these errors, over
+that of the errors in closed form, is what variances at the mode are too small by.
 """
 
 import numpy as np
 
+from skmtgp._data.dask import is_dask
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp.learning.evidence import LogPosterior, Peak
+from skmtgp.inference.leeway import OfAll, widened
+from skmtgp.learning.evidence import LEAST_CURVATURE, LogPosterior, Peak
 from skmtgp.model.chart import Chart
 from skmtgp.model.hyperprior import Hyperprior
 
-STEP = 0.1  # of z, from the mode to either side
-MOST_LEVERAGE = 0.9  # beyond, what happens is far from what derivatives tell
+STEP = 0.05  # of z, from the mode
+MOST_LEVERAGE = 0.8  # beyond, what happens is far from what derivatives tell
 # Of rows for each hyperparameter: with as many, errors grow by a percent or two.
 MANY_EACH = 30
+# Coordinates of which the curvature is computed from gradients. Of more it is that of
+# the Fisher information, and of so many directions across all what errors vary by.
+MOST_AXES, N_DIRECTIONS = 60, 32
+FAR = 4.0  # deviations: of what is farther off, variances need not tell
 
 
 def relearned(likelihood, theta):
@@ -49,34 +56,77 @@ def relearned(likelihood, theta):
     """
     hyperprior = Hyperprior(likelihood.prior)
     chart = Chart(hyperprior, theta)
-    n = len(likelihood.y)
-    if not chart.size or n >= MANY_EACH * chart.size:
-        return np.zeros(n)
+    if not chart.size or len(likelihood.y) >= MANY_EACH * chart.size:
+        return np.zeros(len(likelihood.y))
     x = chart.coordinates(theta)
     with limit_threads(likelihood.side):
-        density = LogPosterior(likelihood, hyperprior, chart)
-        values, vectors = Peak(density, x, np.nan, 0).curvature(one_sided=True)
-        axes = (vectors / np.sqrt(values)).T
-        pairs = [(chart.theta(x + STEP * z), chart.theta(x - STEP * z)) for z in axes]
-        slopes = np.array([_slopes(likelihood, *pair) for pair in pairs])
-        deviation = np.sqrt(_left_out(likelihood, theta)[1])
+        here, deviation = _left_out(likelihood, theta)
+        axes = _axes(LogPosterior(likelihood, hyperprior, chart), x)
+        ends = (chart.theta(x + STEP * axis) for axis in axes)
+        found = np.array([_left_out(likelihood, end)[0] for end in ends])
     likelihood.release()
-    of_error, of_density = np.moveaxis(slopes, 1, 0)
+    of_error, of_density = np.moveaxis((found - here) / STEP, 1, 0)
     leverage = np.minimum(np.square(of_error).sum(axis=0), MOST_LEVERAGE)
     return -deviation * (of_error * of_density).sum(axis=0) / (1.0 - leverage)
 
 
-def _slopes(likelihood, above, below):
-    """Those of each sample's error and log density, along an axis, (2, n_samples)."""
-    found = []
-    for theta in (above, below):
-        residual, variance = _left_out(likelihood, theta)
-        error = residual / np.sqrt(variance)
-        found.append([error, -0.5 * (np.square(error) + np.log(variance))])
-    return np.subtract(*found) / (2.0 * STEP)
+def with_growth(problem, mode, posterior):
+    """The mode whose variances are those that errors of left-out samples suggest.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was learned.
+    mode : Mode
+        What was found, with what is open around it.
+    posterior : Posterior
+        At this mode.
+
+    Returns
+    -------
+    mode : Mode
+        As it was if nothing was learned, if rows are many for the hyperparameters, or
+        if there are several terms.
+    """
+    learned = problem.budget.max_iter and problem.prior.n_terms == 1
+    if not learned or is_dask(problem.data.X):
+        return mode
+    likelihood = problem.likelihood_at(mode)
+    growth = relearned(likelihood, mode.theta)
+    if not growth.any():
+        return mode
+    with limit_threads(likelihood.side):
+        residual, known = posterior.leave_one_out(include_noise=True)
+        open_ = widened(posterior, likelihood, mode.leeway)
+        _, variance = open_.leave_one_out(include_noise=True)
+    times = _sum_of_squares(residual + growth, variance)
+    times /= _sum_of_squares(residual, known)
+    if not times > 1.0:  # nor a number, where there are no digits
+        return mode
+    return mode._replace(leeway=(*mode.leeway, OfAll(times)))
+
+
+def _sum_of_squares(residual, variance):
+    """Of errors in deviations, with one more that is as large as it should be."""
+    errors = residual / np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+    return 1.0 + np.square(np.clip(errors, -FAR, FAR)).sum()
+
+
+def _axes(density, x):
+    """Steps to which the log posterior is -z^T z / 2, one for each z, or across all."""
+    n = len(x)
+    if n <= MOST_AXES:
+        values, vectors = Peak(density, x, np.nan, 0).curvature(one_sided=True)
+        return (vectors / np.sqrt(values)).T
+    values, vectors = np.linalg.eigh(density.metric(x))  # with 1 for each coordinate
+    axes = (vectors / np.sqrt(np.maximum(values - 1.0, LEAST_CURVATURE))).T
+    normal = np.random.default_rng(0).standard_normal((n, N_DIRECTIONS))
+    return np.sqrt(n / N_DIRECTIONS) * np.linalg.qr(normal)[0].T @ axes
 
 
 def _left_out(likelihood, theta):
-    """Residuals of observations given the others, and their variances."""
+    """Errors of observations given the others, and log densities; and deviations."""
     residual, variance = likelihood.posterior(theta).leave_one_out(include_noise=True)
-    return residual, np.maximum(variance, np.finfo(float).tiny)
+    deviation = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+    error = residual / deviation
+    return np.array([error, -0.5 * np.square(error) - np.log(deviation)]), deviation

@@ -247,14 +247,16 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
         - "mode" uses the maximum of the likelihood times priors of the noise, see the
           user guide, page "Noise". With ``learning="annealed"`` intervals count what
-          the rows leave open of a task's relation to the others, see the page
-          "Intervals".
+          the rows leave open of a task's relation to the others. With few rows for each
+          hyperparameter all variances are multiplied by a factor, `variance_factor_`,
+          that errors of left-out rows suggest. See the page "Intervals".
         - "map" uses the maximum of the likelihood times weak priors of all
           hyperparameters, which are relative to the size of the data. Intervals count
           the same as with "mode".
         - "laplace" predicts as "mode", with standard deviations and intervals that
           count what the rows leave open of the hyperparameters (Laplace's method, with
-          the same priors). It takes about as long as "mode".
+          the same priors). Variances have the factor, too. It takes about as long as
+          "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes ten to 300 times as long.
@@ -373,6 +375,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     hyperparameters_ : {"mode", "map", "laplace", "sampled"}
         Which hyperparameters predictions use. "auto" has chosen "mode", "laplace" or
         "sampled".
+    variance_factor_ : float or ndarray of shape (n_outputs,)
+        What variances of predictions are multiplied by, because hyperparameters were
+        learned from few rows; 1 with 30 rows or more for each. `noise_variance_` and
+        the other attributes are without it.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three exist only if hyperparameters are
         sampled.

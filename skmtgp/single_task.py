@@ -158,12 +158,15 @@ class SingleTaskGP(ConformalMixin, Estimator):
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
-        - "mode" uses the maximum of the likelihood.
+        - "mode" uses the maximum of the likelihood. With few rows for each
+          hyperparameter variances are multiplied by a factor, `variance_factor_`, that
+          errors of left-out rows suggest, see the user guide, page "Intervals".
         - "map" uses the maximum of the likelihood times weak priors, which are relative
           to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that
           count what the rows leave open of the hyperparameters (Laplace's method, with
-          the same priors). It takes about as long as "mode".
+          the same priors). Variances have the factor, too. It takes about as long as
+          "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes ten to 300 times as long.
@@ -236,6 +239,9 @@ class SingleTaskGP(ConformalMixin, Estimator):
     hyperparameters_ : ndarray of str of shape (n_tasks,)
         Which hyperparameters predictions of each task use: "mode", "map", "laplace" or
         "sampled". "auto" has chosen one of them.
+    variance_factor_ : ndarray of shape (n_tasks,) or (n_tasks, n_outputs)
+        What variances of each task's predictions are multiplied by, because its
+        hyperparameters were learned from few rows; 1 with 30 rows or more for each.
     n_features_in_ : int
         Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -516,6 +522,7 @@ class SingleTaskGP(ConformalMixin, Estimator):
         self.n_evaluations_ = sum(e.n_evaluations_ for e in fitted)
         self.n_hyperparameters_ = sum(e.n_hyperparameters_ for e in fitted)
         self.hyperparameters_ = np.array([e.hyperparameters_ for e in fitted])
+        self.variance_factor_ = np.array([e.variance_factor_ for e in fitted])
         self.log_marginal_likelihoods_ = sum(
             e.log_marginal_likelihoods_ for e in fitted
         )

@@ -26,14 +26,14 @@ def pytest_collection():
 
 
 @pytest.fixture(scope="module")
-def known_rows():
-    """Rows of F count as known, so that variances are those of theta alone.
+def certain_theta():
+    """All of theta counts as known, so that variances are those of the textbook.
 
     It holds for the rest of a file's tests.
     """
     with pytest.MonkeyPatch.context() as patch:
-        path = "skmtgp.multitask.with_open_rows"
-        patch.setattr(path, lambda problem, mode, posterior: mode)
+        for path in ("multitask.with_open_rows", "_estimators.fitted.with_growth"):
+            patch.setattr(f"skmtgp.{path}", lambda problem, mode, posterior: mode)
         yield
 
 

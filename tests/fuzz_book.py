@@ -6,7 +6,7 @@ import numpy as np
 import textbook
 
 from skmtgp._data.checks import check_test
-from skmtgp.inference.leeway import OfTheta
+from skmtgp.inference.leeway import OfAll, OfTheta, times_of
 
 
 class Expected(NamedTuple):
@@ -96,6 +96,7 @@ def by_the_book(model, problem, j, new):
     sizes = np.abs(rest).max(), np.abs(book.centre).max(), far, np.finfo(float).tiny
     diagonal = np.diagonal(covariance)
     prior = max(np.diagonal(K).max(), np.diagonal(given[-1]).max(), diagonal.max())
+    diagonal = diagonal * times_of(model._leeway[j])
     return Expected(mean, diagonal, sum(sizes), prior, _wide(model._leeway[j], of_Z))
 
 
@@ -103,7 +104,8 @@ def _wide(leeway, tasks):
     """Rows whose variances count what is open of theta, or of a row of F."""
     wide = np.zeros(len(tasks), dtype=bool)
     for of in leeway:
-        wide |= isinstance(of, OfTheta) or tasks == of.task
+        if not isinstance(of, OfAll):
+            wide |= isinstance(of, OfTheta) or tasks == of.task
     return wide
 
 

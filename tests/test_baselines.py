@@ -72,6 +72,7 @@ def test_attributes_reproduce_likelihood_and_predictions(cls, target, noise, dia
     for j, (f, K) in enumerate(posteriors(model, X, target, Z)):
         np.testing.assert_allclose(mean.reshape(len(Z), -1)[:, j], f, rtol=1e-7)
         variances = std.reshape(len(Z), -1)[:, j] ** 2
+        K = K * np.ravel(model.variance_factor_)[j]
         np.testing.assert_allclose(variances, np.diag(K), atol=1e-9 * K.max())
     n_noise = 3 if noise == "per_task" else 1
     levels = cls is IndependentGP  # one function has one level

@@ -429,7 +429,7 @@ class TestAddTask:
             search.add_task(*new, prior="x")
 
 
-@pytest.mark.usefixtures("known_rows")
+@pytest.mark.usefixtures("certain_theta")
 class TestLeaveOneOut:
     @pytest.mark.parametrize(
         ("params", "complete"),

@@ -28,7 +28,7 @@ def data(n_outputs):
 
 
 @pytest.fixture(params=MODELS)
-def model(request, n_outputs, known_rows):
+def model(request, n_outputs, certain_theta):
     return learned(request.param, n_outputs)
 
 

@@ -83,11 +83,11 @@ class ConformalMixin(PosteriorMixin):
         and the ends are transformed back. A task of one sample is not counted if its
         mean was subtracted from it.
 
-        These errors are too small where samples are few, for the hyperparameters were
-        learned from them, too. So below 30 samples for each hyperparameter the mean
-        :math:`\mu_i` is what it would be without that: to first order in what one sample
+        The hyperparameters were learned from the samples, too. So these errors are too
+        small where samples are few. Below 30 samples for each hyperparameter the mean
+        is therefore what it would be without the sample: to first order in what that
         moves the mode, with its leverage. Drawn hyperparameters count by what they are
-        likely without the sample instead. Models of several kernels stay as they are.
+        likely without the sample instead. Of several kernels the errors stay.
 
         This is the jackknife with standardised errors, for exchangeable samples.
         Unlike the jackknife+, which needs all fits, it has no proven coverage. It is

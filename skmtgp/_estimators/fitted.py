@@ -167,7 +167,7 @@ class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
             return growth
         order = self._training().order(self._engine)
         for of_output, output in zip(growth.T, outputs, strict=True):
-            of_output[order] = relearned(*output)
+            of_output[order] = relearned(*output)[0]
         return growth * self._scales(self.tasks_train_)
 
     @overload
@@ -436,6 +436,10 @@ class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
         self._likelihoods, self._posteriors = likelihoods, posteriors
         outputs = zip(posteriors, likelihoods, self._leeway, strict=True)
         self._predictive = [widened(*output) for output in outputs]
+        factors = list(map(times_of, self._leeway))
+        self.variance_factor_ = (
+            factors[0] if training.single_output else np.array(factors)
+        )
         self._forget_draws()
         self._units, self._single_output = training.units, training.single_output
         self._store_target(training.target)

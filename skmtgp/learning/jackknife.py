@@ -32,9 +32,10 @@ STEP = 0.05  # of z, from the mode
 MOST_LEVERAGE = 0.8  # beyond, what happens is far from what derivatives tell
 # Of rows for each hyperparameter: with as many, errors grow by a percent or two.
 MANY_EACH = 30
-# Coordinates of which the curvature is computed from gradients. Of more it is that of
-# the Fisher information, and of so many directions across all what errors vary by.
-MOST_AXES, N_DIRECTIONS = 60, 32
+# Of so many coordinates the curvature is computed from gradients, one each. Of more it
+# is that of the Fisher information.
+MOST_AXES = 150
+N_DIRECTIONS = 32  # across all coordinates, of more of which errors tell hardly more
 FAR = 4.0  # deviations: of what is farther off, variances need not tell
 
 
@@ -53,11 +54,13 @@ def relearned(likelihood, theta):
     growth : ndarray of shape (n_samples,)
         To add to residuals given the others, in the likelihood's units and order. It is
         0 where rows are many for the hyperparameters.
+    n_evaluations : int
+        Gradients of the likelihood that it took.
     """
     hyperprior = Hyperprior(likelihood.prior)
     chart = Chart(hyperprior, theta)
     if not chart.size or len(likelihood.y) >= MANY_EACH * chart.size:
-        return np.zeros(len(likelihood.y))
+        return np.zeros(len(likelihood.y)), 0
     x = chart.coordinates(theta)
     with limit_threads(likelihood.side):
         here, deviation = _left_out(likelihood, theta)
@@ -67,7 +70,8 @@ def relearned(likelihood, theta):
     likelihood.release()
     of_error, of_density = np.moveaxis((found - here) / STEP, 1, 0)
     leverage = np.minimum(np.square(of_error).sum(axis=0), MOST_LEVERAGE)
-    return -deviation * (of_error * of_density).sum(axis=0) / (1.0 - leverage)
+    growth = -deviation * (of_error * of_density).sum(axis=0) / (1.0 - leverage)
+    return growth, chart.size + 1 if chart.size <= MOST_AXES else 0
 
 
 def with_growth(problem, mode, posterior):
@@ -85,16 +89,17 @@ def with_growth(problem, mode, posterior):
     Returns
     -------
     mode : Mode
-        As it was if nothing was learned, if rows are many for the hyperparameters, or
-        if there are several terms.
+        With the evaluations that it took. As it was if nothing was learned, if rows are
+        many for the hyperparameters, or if there are several terms.
     """
     learned = problem.budget.max_iter and problem.prior.n_terms == 1
     if not learned or is_dask(problem.data.X):
         return mode
     likelihood = problem.likelihood_at(mode)
-    growth = relearned(likelihood, mode.theta)
+    growth, n_evaluations = relearned(likelihood, mode.theta)
     if not growth.any():
         return mode
+    mode = mode._replace(n_evaluations=mode.n_evaluations + n_evaluations)
     with limit_threads(likelihood.side):
         residual, known = posterior.leave_one_out(include_noise=True)
         open_ = widened(posterior, likelihood, mode.leeway)
@@ -117,9 +122,12 @@ def _axes(density, x):
     n = len(x)
     if n <= MOST_AXES:
         values, vectors = Peak(density, x, np.nan, 0).curvature(one_sided=True)
-        return (vectors / np.sqrt(values)).T
-    values, vectors = np.linalg.eigh(density.metric(x))  # with 1 for each coordinate
-    axes = (vectors / np.sqrt(np.maximum(values - 1.0, LEAST_CURVATURE))).T
+    else:
+        values, vectors = np.linalg.eigh(density.metric(x))  # of each coordinate 1 more
+        values = np.maximum(values - 1.0, LEAST_CURVATURE)
+    axes = (vectors / np.sqrt(values)).T
+    if n <= N_DIRECTIONS:
+        return axes
     normal = np.random.default_rng(0).standard_normal((n, N_DIRECTIONS))
     return np.sqrt(n / N_DIRECTIONS) * np.linalg.qr(normal)[0].T @ axes
 

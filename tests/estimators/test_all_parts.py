@@ -22,7 +22,7 @@ from skmtgp import MultiTaskGPRegressor, WideRegressor
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
-    pytest.mark.usefixtures("known_rows"),  # variances are those of the definition
+    pytest.mark.usefixtures("certain_theta"),  # variances are those of the definition
 ]
 
 RNG = np.random.default_rng(0)

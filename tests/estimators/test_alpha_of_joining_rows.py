@@ -46,7 +46,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning"),
     pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
     pytest.mark.filterwarnings("ignore:The rows do not tell the noise variance"),
-    pytest.mark.usefixtures("known_rows"),  # variances are those of the textbook
+    pytest.mark.usefixtures("certain_theta"),  # variances are those of the textbook
 ]
 QUICK = {"max_iter": 5}
 MODELS = {

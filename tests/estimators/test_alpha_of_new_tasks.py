@@ -19,7 +19,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning"),
     pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
     pytest.mark.filterwarnings("ignore:The rows do not tell the noise variance"),
-    pytest.mark.usefixtures("known_rows"),  # variances are those of the textbook
+    pytest.mark.usefixtures("certain_theta"),  # variances are those of the textbook
 ]
 RNG = np.random.default_rng(1)
 NEW_X = np.column_stack([RNG.uniform(0, 6, 6), np.full(6, 3)])

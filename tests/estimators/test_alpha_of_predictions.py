@@ -49,8 +49,10 @@ def of_observations(model, alpha):
     mean, std = model.predict(NEW, return_std=True)
     if isinstance(model, SingleTaskGP):
         noises = [of.noise_variance_ for of in model.estimators_]
+        noises *= model.variance_factor_
     else:
-        noises = getattr(model, "best_estimator_", model).noise_variance_
+        best = getattr(model, "best_estimator_", model)
+        noises = best.noise_variance_ * best.variance_factor_
     noise = np.broadcast_to(noises, 3)[NEW[:, 1].astype(int)]
     return mean, np.sqrt(std**2 + noise + alpha)
 

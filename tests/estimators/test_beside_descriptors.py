@@ -114,6 +114,7 @@ def test_unseen_tasks_by_the_book():
     )
     found = model.predict(one, return_cov=True)
     np.testing.assert_allclose(found[0], mean + model.y_mean_, atol=1e-6)
+    cov = cov * model.variance_factor_
     np.testing.assert_allclose(found[1], cov, atol=1e-6)
 
 

@@ -96,7 +96,7 @@ def test_both_learn_the_same(estimator, params, n_outputs):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-3 * scale)
 
 
-@pytest.mark.usefixtures("known_rows")
+@pytest.mark.usefixtures("certain_theta")
 def test_attributes_reproduce_likelihood_and_predictions():
     (X, y), Z = draw(n_outputs=2), draw(4, seed=1)[0]
     model = MultiTaskGPRegressor(rank=2, noise="per_task", max_iter=20).fit(X, y)

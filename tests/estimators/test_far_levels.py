@@ -45,7 +45,7 @@ def test_they_do_not_matter(model):
         np.testing.assert_allclose(std, found[0][1], rtol=0.1)
 
 
-@pytest.mark.usefixtures("known_rows")
+@pytest.mark.usefixtures("certain_theta")
 @pytest.mark.parametrize("n_outputs", [None, 2])
 @each_model
 def test_they_are_those_of_the_definition(model, n_outputs):

@@ -33,7 +33,7 @@ from skmtgp.single_task import alone_like
 pytestmark = [
     pytest.mark.filterwarnings("ignore:The likelihood was still growing"),
     pytest.mark.filterwarnings("ignore:The rows do not tell the noise variance"),
-    pytest.mark.usefixtures("known_rows"),  # variances are those of the textbook
+    pytest.mark.usefixtures("certain_theta"),  # variances are those of the textbook
 ]
 
 RNG = np.random.default_rng(0)

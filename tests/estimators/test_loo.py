@@ -26,7 +26,7 @@ from skmtgp._numerics.linalg import Cholesky
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
-    pytest.mark.usefixtures("known_rows"),  # variances are those of the definition
+    pytest.mark.usefixtures("certain_theta"),  # variances are those of the definition
 ]
 QUICK = {"max_iter": 5}
 WHITE = ConstantKernel(2.0) * RBF([1.0, 3.0]) + WhiteKernel(0.1)

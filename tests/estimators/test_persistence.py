@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import joblib
+import numpy as np
 import pytest
 from citizens import ESTIMATORS, FRAME, Y, assert_same_bits, spreads
 from sklearn.base import clone
@@ -54,6 +55,7 @@ BY_INDUCING_INPUTS = {
     "skmtgp.inference.sparse_posterior.SparsePosterior",
     "skmtgp.inference.weights.Covariances",
 }
+WIDER = {"skmtgp.inference.leeway.Scaled", "skmtgp.inference.leeway.OfAll"}
 APART = {"skmtgp.inference.apart.ApartLikelihood"}  # of tasks that share nothing
 ONE_MATRIX = {"skmtgp.inference.dense.DenseLikelihood"}
 # What skops must be told to trust, for each estimator with its default kernel; another
@@ -112,6 +114,8 @@ class TestPersistence:
         trusted = TRUSTED[type(fitted).__name__]
         if getattr(fitted, "inference_", None) == "sparse":
             trusted = trusted - DENSE - APART | BY_INDUCING_INPUTS
+        if np.max(getattr(fitted, "variance_factor_", 1.0)) > 1.0:
+            trusted = trusted | WIDER
         if getattr(fitted, "diagonal_", False):  # BIC has chosen independent tasks
             trusted = trusted | {"skmtgp.model.task_covariance.WithDiagonal"}
         found = set(skops.get_untrusted_types(data=data))

@@ -192,10 +192,10 @@ def test_engines(engine):
     np.testing.assert_allclose(found, np.exp(expected))
 
 
-def deviation_of_mixture(means, variances):
+def deviation_of_mixture(means, variances, weights=1.0):
     """That of exp of a mixture of normals."""
-    mean = np.exp(means + 0.5 * variances).mean(axis=0)
-    second = np.exp(2.0 * means + 2.0 * variances).mean(axis=0)
+    mean = (weights * np.exp(means + 0.5 * variances)).mean(axis=0)
+    second = (weights * np.exp(2.0 * means + 2.0 * variances)).mean(axis=0)
     return np.sqrt(second - mean**2)
 
 
@@ -214,11 +214,12 @@ def test_draws_of_hyperparameters(kind):
     for ends, p in ((lower, 0.1), (upper, 0.9)):
         below = norm.cdf(ends, means, np.sqrt(variances)).mean(axis=0)
         np.testing.assert_allclose(below, p, rtol=1e-6)
-    means, variances = (of[..., 0] for of in model._left_out(True))
+    means, variances, weights = (of[..., 0] for of in model._left_out(True))
     assert means.shape == (6, 20)
     median, std = model.loo_predict(include_noise=True)
-    np.testing.assert_allclose(median, np.exp(means.mean(axis=0)))
-    np.testing.assert_allclose(std, deviation_of_mixture(means, variances), rtol=1e-3)
+    np.testing.assert_allclose(median, np.exp((weights * means).mean(axis=0)))
+    expected = deviation_of_mixture(means, variances, weights)
+    np.testing.assert_allclose(std, expected, rtol=1e-3)
 
 
 def test_errors_name_one_of_several_outputs():

@@ -38,7 +38,7 @@ def data():
 
 
 @pytest.fixture(scope="module")
-def fitted(data, known_rows):
+def fitted(data, certain_theta):
     return MultiTaskGPRegressor([SLOW, FAST], rank=1, **QUICK).fit(*data[:2])
 
 

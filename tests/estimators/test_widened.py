@@ -39,7 +39,7 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def mode(known_rows):
+def mode(certain_theta):
     return MultiTaskGPRegressor(rank=1).fit(X, y)
 
 
@@ -299,7 +299,7 @@ class TestRowsOfFactors:
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("known_rows")
+@pytest.mark.usefixtures("certain_theta")
 def test_intervals_hold_where_those_of_the_mode_are_too_narrow():
     """Of data drawn from the model: 60 test points of each of twelve draws.
 

@@ -8,7 +8,7 @@ import pytest
 import textbook
 from sklearn.gaussian_process.kernels import RBF
 
-from skmtgp.inference.leeway import OfTheta, widened
+from skmtgp.inference.leeway import OfAll, OfTheta, widened
 from skmtgp.inference.open_rows import OfRow
 from skmtgp.model.task_covariance import low_rank
 
@@ -210,3 +210,36 @@ def test_a_task_joins(own):
     assert OF_ROW.bordered(prior, theta, *border).task == ROW + 1
     border = *border[:2], ROW + 1, None
     assert OF_ROW.bordered(prior, theta, *border).task == ROW
+
+
+class TestOfAll:
+    """All variances are larger by a factor."""
+
+    @pytest.mark.parametrize("leeway", [(), (OF_ROW,)])
+    def test_variances(self, leeway):
+        likelihood = dense()
+        plain = opened(likelihood, *leeway)
+        found = opened(likelihood, *leeway, OfAll(2.0))
+        np.testing.assert_array_equal(found.mean(Z, OF_Z), plain.mean(Z, OF_Z))
+        for name in ("variance", "covariance"):
+            expected = 2.0 * getattr(plain, name)(Z, OF_Z)
+            np.testing.assert_allclose(getattr(found, name)(Z, OF_Z), expected)
+        levels = 2.0 * plain.level_variances()
+        np.testing.assert_allclose(found.level_variances(), levels)
+        residual, variance = plain.leave_one_out(include_noise=True)
+        left_out = found.leave_one_out(include_noise=True)
+        np.testing.assert_allclose(left_out, [residual, 2.0 * variance])
+
+    def test_tasks_without_data(self):
+        form = low_rank(N_TASKS, RANK, shared=True)
+        likelihood = building.dense(RBF(1.0), form, *rows())
+        theta, unseen = np.full(likelihood.prior.n_theta, 0.4), np.full(len(Z), N_TASKS)
+        posterior = likelihood.posterior(theta)
+        found = widened(posterior, likelihood, (OfAll(3.0),)).with_unseen(1)
+        expected = 3.0 * posterior.with_unseen(1).variance(Z, unseen)
+        np.testing.assert_allclose(found.variance(Z, unseen), expected)
+
+    def test_it_can_be_pickled(self):
+        found = opened(dense(), OfAll(2.0))
+        again = pickle.loads(pickle.dumps(found))
+        np.testing.assert_array_equal(again.variance(Z, OF_Z), found.variance(Z, OF_Z))

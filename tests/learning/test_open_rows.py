@@ -6,6 +6,7 @@ from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp.exceptions import SmallTaskWarning
+from skmtgp.inference.leeway import OfAll
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::skmtgp.exceptions.NarrowIntervalsWarning"),
@@ -37,6 +38,7 @@ def known_rows(model, X):
     """Deviations of f with theta alone."""
     [posterior] = model._posteriors
     variance = posterior.variance(X[:, :-1], X[:, -1].astype(int))
+    variance *= model.variance_factor_
     return np.sqrt(variance) * model.y_scale_
 
 
@@ -72,7 +74,8 @@ def test_means_are_those_of_the_mode(fitted):
     of_mode = posterior.mean(new[:, :-1], new[:, -1].astype(int))
     np.testing.assert_allclose(mean, of_mode * fitted.y_scale_ + fitted.y_mean_)
     assert (std > known_rows(fitted, new)).all()
-    assert [of.task for of in fitted._leeway[0]] == list(range(M))
+    *rows, _ = fitted._leeway[0]
+    assert [of.task for of in rows] == list(range(M))
 
 
 def test_tasks_with_rows_everywhere_are_nearly_as_certain():
@@ -98,7 +101,8 @@ def test_a_task_of_two_rows_is_less_certain_than_the_others():
     options = {"rank": 1, "normalize_y": "shared", "noise": "shared"}
     with pytest.warns(SmallTaskWarning):
         model = MultiTaskGPRegressor("rbf", **options).fit(X, y[kept])
-    assert [of.task for of in model._leeway[0]] == [0, 1, 2, 3]
+    *rows, _ = model._leeway[0]
+    assert [of.task for of in rows] == [0, 1, 2, 3]
     new = np.array([[2.0, 3.0], [5.0, 3.0], [2.0, 1.0]])
     more = model.predict(new, return_std=True)[1] / known_rows(model, new) - 1.0
     assert (more > 0.0).all()
@@ -112,8 +116,10 @@ def test_nothing_is_open_where_nothing_was_learned_so():
     kept = MultiTaskGPRegressor(**quick | {"max_iter": 0}).fit(X, y)
     shared = MultiTaskGPRegressor(**quick | {"rank": 0, "shared": True}).fit(X, y)
     one = MultiTaskGPRegressor(**quick).fit(X[X[:, 1] < 1], y[X[:, 1] < 1])
-    for model in (of_paper, kept, shared, one):
+    for model in (of_paper, kept):
         assert model._leeway == [()]
+    for model in (shared, one):
+        assert all(isinstance(of, OfAll) for of in model._leeway[0])
 
 
 def test_a_search_keeps_what_is_open():

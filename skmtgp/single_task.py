@@ -599,6 +599,10 @@ class SingleTaskGP(ConformalMixin, Estimator):
 
         return self._mixed(self.tasks_train_, of_task)
 
+    def _factors(self, codes):
+        factors = np.reshape(self.variance_factor_, (len(self.tasks_), -1))
+        return factors[codes]
+
     def _errors_left_out(self):
         errors = np.full((len(self.tasks_train_), self._n_outputs), np.nan)
         for rows, model in self._parts(self.tasks_train_):

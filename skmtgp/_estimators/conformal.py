@@ -20,7 +20,7 @@ ROUNDING = 1e-9  # of numbers of rows: 0.95 * 20 rows are 19
 class ConformalMixin(PosteriorMixin):
     """Regressor that predicts its training samples from the others without a fit.
 
-    What `_model` returns has `tasks_train_` and `_errors_left_out`, too.
+    What `_model` returns has `tasks_train_`, `_errors_left_out` and `_factors`, too.
     """
 
     @steady
@@ -136,6 +136,7 @@ class ConformalMixin(PosteriorMixin):
         with limit_threads(model._side):
             found = model._components(features, codes, include_noise=True)
         mean, variance = as_one(*found, 1.0)
+        variance /= model._factors(codes)  # errors have been divided by what is without
         half = widths * np.sqrt(variance + known)
         ends = np.stack([mean - half, mean + half])
         lower, upper = np.sort(model._target.back(ends), axis=0)  # it may fall

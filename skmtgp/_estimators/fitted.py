@@ -356,7 +356,11 @@ class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
 
         They are larger than those learned where all variances are, see `OfAll`.
         """
-        return self._noises_learned(codes) * list(map(times_of, self._leeway))
+        return self._noises_learned(codes) * self._factors(codes)
+
+    def _factors(self, codes):
+        """What variances are multiplied by, (n_samples or 1, n_outputs)."""
+        return np.reshape(list(map(times_of, self._leeway)), (1, -1))
 
     def _noises_learned(self, codes):
         """The same as they were learned.

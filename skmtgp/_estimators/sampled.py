@@ -190,6 +190,9 @@ class SampledMixin:
             means, deviations = np.stack(found, axis=1)
             return means, np.square(deviations)
 
+        if len(parts) == 1:
+            means, variances = by_parts(include_noise)
+            return means, variances, np.ones_like(means)
         means, variances = by_parts(include_noise=True)
         weights = weights_left_out(
             self.y_train_.reshape(means[0].shape) - means, variances

@@ -209,13 +209,14 @@ class Widened:
 class Scaled:
     """A posterior of f whose variances are so many times as large; means stay.
 
+    So do training samples predicted from the others: they tell the factor.
+
     Parameters
     ----------
     posterior : Posterior, Widened or OpenRows
         Of the mode.
     times : float
-        What variances are multiplied by. In errors of left-out samples it is that of
-        the noise, too.
+        What variances are multiplied by.
     """
 
     def __init__(self, posterior, times):
@@ -235,11 +236,6 @@ class Scaled:
         covariance = self.posterior.covariance(X, tasks)
         covariance *= self.times
         return covariance
-
-    def leave_one_out(self, include_noise=False):
-        """Each training sample predicted from the others, see Posterior."""
-        residual, variance = self.posterior.leave_one_out(include_noise)
-        return residual, self.times * variance
 
     def level_variances(self):
         """Variance of the level of each task, given the data, (n_tasks,)."""

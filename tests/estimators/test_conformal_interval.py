@@ -46,6 +46,10 @@ def from_left_out(model, X, y, new, level, by_task):
     for task in NAMES if by_task else ():
         q[new["task"] == task] = quantile(errors[X["task"] == task], level)
     mean, std = model.predict(new, return_std=True, include_noise=True)
+    factor = getattr(model, "best_estimator_", model).variance_factor_
+    if isinstance(model, SingleTaskGP):
+        factor = factor[(new["task"] == "b").to_numpy(dtype=int)]
+    std = std / np.sqrt(factor)
     return mean - q * std, mean + q * std
 
 
@@ -117,6 +121,7 @@ def test_what_few_rows_hold():
         mean, std = model.loo_predict(include_noise=True)
         q = quantile(np.abs(y - mean) / std, 0.9)
         mean, std = model.predict(X_new, return_std=True, include_noise=True)
+        std = std / np.sqrt(model.variance_factor_)
         plain.append(np.mean(np.abs(y_new - mean) <= q * std))
         lower, upper = model.conformal_interval(X_new, 0.9)
         held.append(np.mean((lower <= y_new) & (y_new <= upper)))
@@ -190,6 +195,7 @@ def test_known_noise_widens():
     lower, upper = model.conformal_interval(NEW, 0.9)
     wider = model.conformal_interval(NEW, 0.9, alpha=4.0)
     _, std = model.predict(NEW, return_std=True, include_noise=True)
+    std = std / np.sqrt(model.variance_factor_)  # alpha is known
     ratio = np.sqrt(std**2 + 4.0) / std
     np.testing.assert_allclose(np.subtract(*wider[::-1]), ratio * (upper - lower))
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import RBF
 
+from skmtgp import MultiTaskGPRegressor
 from skmtgp.inference.open_rows import OfRow, OpenRows
 from skmtgp.learning import jackknife
 from skmtgp.learning.climbing import climb
@@ -109,7 +110,9 @@ class TestFactor:
 
     def test_many_rows_need_none(self):
         model, mode, posterior = self.learned(60)
-        assert with_growth(model, mode, posterior) is mode
+        grown = with_growth(model, mode, posterior)
+        assert grown.leeway == ()
+        assert grown.n_evaluations == mode.n_evaluations
 
     def test_fewer_rows_need_more(self):
         times = [with_growth(*self.learned(n)).leeway[0].times for n in (6, 12, 24)]
@@ -120,7 +123,28 @@ class TestFactor:
         kept = replace(model, budget=replace(model.budget, max_iter=0))
         assert with_growth(kept, mode, posterior) is mode
 
-    @pytest.mark.parametrize("changed", [{"N_DIRECTIONS": 4}, {"MOST_AXES": 2}])
+    def test_what_cannot_be_left_out_stays(self, monkeypatch):
+        learned = self.learned(8)
+
+        def fail(*args, **options):
+            raise ValueError("Without one of 2 rows nothing tells a coefficient")
+
+        monkeypatch.setattr(jackknife, "_left_out", fail)
+        grown = with_growth(*learned)
+        assert grown.leeway == ()
+        assert grown.n_evaluations > learned[1].n_evaluations
+
+    @pytest.mark.parametrize("rank", [1, 2])
+    def test_no_noise(self, rank):
+        """Its variance is at the least, and stays there without a row."""
+        x, tasks = np.linspace(0.0, 6.0, 45), np.arange(45) % N_TASKS
+        X, y = np.column_stack([x, tasks]), np.sin(x) * (1.0 + tasks)
+        model = MultiTaskGPRegressor(rank=rank).fit(X, y)
+        assert model.variance_factor_ < 2.0
+
+    @pytest.mark.parametrize(
+        "changed", [{"N_DIRECTIONS": 4}, {"MOST_AXES": 2}, {"MOST_ROWS": 9}]
+    )
     def test_many_hyperparameters(self, monkeypatch, changed):
         """In some directions across all, or by the Fisher information."""
         learned = self.learned(12)

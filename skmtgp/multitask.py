@@ -377,8 +377,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         "sampled".
     variance_factor_ : float or ndarray of shape (n_outputs,)
         What variances of predictions are multiplied by, because hyperparameters were
-        learned from few rows; 1 with 30 rows or more for each. `noise_variance_` and
-        the other attributes are without it.
+        learned from few rows; 1 with 20 rows or more for each. Deviations of levels and
+        of a trend's coefficients have it, too, `noise_variance_` has not.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three exist only if hyperparameters are
         sampled.

@@ -241,7 +241,7 @@ class SingleTaskGP(ConformalMixin, Estimator):
         "sampled". "auto" has chosen one of them.
     variance_factor_ : ndarray of shape (n_tasks,) or (n_tasks, n_outputs)
         What variances of each task's predictions are multiplied by, because its
-        hyperparameters were learned from few rows; 1 with 30 rows or more for each.
+        hyperparameters were learned from few rows; 1 with 20 rows or more for each.
     n_features_in_ : int
         Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)

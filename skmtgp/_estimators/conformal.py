@@ -79,14 +79,14 @@ class ConformalMixin(PosteriorMixin):
         given all others, from :meth:`loo_predict`, each of n samples has the error
         :math:`|y_i - \mu_i| / \sigma_i`. Let q be the :math:`\lceil level (n + 1)
         \rceil`-th smallest of these. The interval is :math:`\mu \pm q \sigma` at each
-        new input. With `target_transform` all this is about the transformed targets,
-        and the ends are transformed back. A task of one sample is not counted if its
-        mean was subtracted from it.
+        new input, without `variance_factor_`. With `target_transform` all this is about
+        the transformed targets, and the ends are transformed back. A task of one sample
+        is not counted if its mean was subtracted from it.
 
         The hyperparameters were learned from the samples, too. So these errors are too
-        small where samples are few. Below 30 samples for each hyperparameter the mean
-        is therefore what it would be without the sample: to first order in what that
-        moves the mode, with its leverage. Drawn hyperparameters count by what they are
+        small where samples are few. Below 20 samples for each hyperparameter each is
+        therefore what it would be without that: to first order in what the sample moves
+        the mode, with its leverage. Drawn hyperparameters count by what they are
         likely without the sample instead. Of several kernels the errors stay.
 
         This is the jackknife with standardised errors, for exchangeable samples.
@@ -96,8 +96,8 @@ class ConformalMixin(PosteriorMixin):
         `predict_interval`.
 
         Every call leaves out all samples. With few samples for each hyperparameter this
-        takes a gradient of the likelihood and two posteriors for each, which is less
-        than a fit. So ask for all rows at once.
+        takes two gradients of the likelihood for each and up to 33 posteriors, which is
+        less than a fit. So ask for all rows at once.
 
         References
         ----------

@@ -168,7 +168,8 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
             warn_of_small_tasks(training, problems[0].prior.task_covariance)
             [kernel, *others] = self._kernels()
             given = kernel is not None and not others
-            warn_of_few_rows(problems[0], self.hyperparameters_, given=given)
+            known = {"given": given, "counted": self._counts_learning()}
+            warn_of_few_rows(problems[0], self.hyperparameters_, **known)
         tell_counts(self, training.known)
         names = names_of_inputs(self)
         warn_of_skew(self, training, problems, modes, names)

@@ -31,8 +31,9 @@ from skmtgp.learning.unforeseen import unforeseen
 OTHER_UNIT = 5.0  # times the deviation of another task, so that it may have one
 LONG = 120.0  # seconds of learning that a user wants to know of before
 MOST_DRAWN = 2000  # rows of sparse inference, of which draws take hours
-# For each hyperparameter: with fewer rows intervals are too narrow.
-ENOUGH_ROWS_EACH = {"mode": 8, "map": 8, "laplace": 4}
+# For each hyperparameter: with fewer rows intervals are too narrow, where variances
+# count that hyperparameters were learned from them, and where they do not.
+ENOUGH_ROWS_EACH, ENOUGH_IF_KNOWN = 4, 8
 
 
 def warn_of_duration(learning, seconds, less="inference='sparse' or fewer rows"):
@@ -93,7 +94,7 @@ def warn_of_small_tasks(training, form):
         )
 
 
-def warn_of_few_rows(problem, way, *, given=False):
+def warn_of_few_rows(problem, way, *, given=False, counted=True):
     """Say that rows are too few to take the hyperparameters for certain.
 
     Repeats of a row tell the noise alone, so they do not count. Noise variances of
@@ -107,8 +108,14 @@ def warn_of_few_rows(problem, way, *, given=False):
         Which hyperparameters predict.
     given : bool, default=False
         Whether the user chose k^x, one for all tasks.
+    counted : bool, default=True
+        Whether variances count that hyperparameters were learned, where they can.
     """
-    prior, data, enough = problem.prior, problem.data, ENOUGH_ROWS_EACH.get(way, 0)
+    if way == "sampled":
+        return
+    prior, data = problem.prior, problem.data
+    counted = counted and prior.n_terms == 1 and not is_dask(data.X)
+    enough = ENOUGH_ROWS_EACH if counted else ENOUGH_IF_KNOWN
     n_noise = 0 if prior.noise_is_fixed else prior.n_noise
     n_each, stay = prior.n_hyperparameters - max(n_noise - 1, 0), is_dask(data.X)
     n_rows = len(data) if stay else count_places(data.X, data.tasks)
@@ -122,8 +129,8 @@ def warn_of_few_rows(problem, way, *, given=False):
     warn(
         f"There are fewer than {enough} rows for each hyperparameter. They leave the "
         "hyperparameters more uncertain than predictions count: a 95 % interval may "
-        "hold only 50 to 90 % of new observations, and less where there is almost no "
-        "noise. This helps: "
+        f"hold only {'80 to 93' if counted else '50 to 90'} % of new observations, and "
+        "less where there is almost no noise. This helps: "
         f"{'more rows' if stay else helps}.{_fewer_numbers(prior, data)}"
         f"{_fewer_length_scales(problem, given)}",
         NarrowIntervalsWarning,

@@ -23,6 +23,7 @@ from skmtgp.exceptions import (
     UnidentifiedNoiseWarning,
 )
 from skmtgp.learning.ambiguity import doubt_about
+from skmtgp.learning.jackknife import MOST_COORDINATES
 from skmtgp.learning.neighbours import LARGE, correlated_share
 from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
@@ -115,6 +116,7 @@ def warn_of_few_rows(problem, way, *, given=False, counted=True):
         return
     prior, data = problem.prior, problem.data
     counted = counted and prior.n_terms == 1 and not is_dask(data.X)
+    counted = counted and prior.n_hyperparameters <= MOST_COORDINATES
     enough = ENOUGH_ROWS_EACH if counted else ENOUGH_IF_KNOWN
     n_noise = 0 if prior.noise_is_fixed else prior.n_noise
     n_each, stay = prior.n_hyperparameters - max(n_noise - 1, 0), is_dask(data.X)

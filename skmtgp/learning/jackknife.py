@@ -36,6 +36,7 @@ MANY_EACH = 20  # rows for each hyperparameter: errors grow by a few percent at 
 # Up to so many coordinates and rows the curvature is computed from gradients, beyond it
 # is the Fisher information.
 MOST_AXES, MOST_ROWS = 100, 500
+MOST_COORDINATES = 500  # of more, matrices are as large as those of the rows
 N_DIRECTIONS = 32  # across all coordinates, of more of which errors tell hardly more
 FAR = 4.0  # deviations: of what is farther off, variances need not tell
 LEAST_SQUARE = 0.25  # of errors, on average: if they are less, the model is too unsure
@@ -55,14 +56,17 @@ def relearned(likelihood, theta):
     -------
     growth : ndarray of shape (n_samples,)
         To add to residuals given the others, in the likelihood's units and order. It is
-        0 where rows are many for the hyperparameters, or where errors have no digits.
+        0 where rows are many for the hyperparameters, where these are very many, or
+        where errors have no digits.
     n_evaluations : int
         Gradients of the likelihood that it took.
     """
     hyperprior = Hyperprior(likelihood.prior)
     chart = Chart(hyperprior, theta)
     none = np.zeros(len(likelihood.y)), 0
-    if not chart.size or len(likelihood.y) >= MANY_EACH * chart.size:
+    if not 0 < chart.size <= MOST_COORDINATES:
+        return none
+    if len(likelihood.y) >= MANY_EACH * chart.size:
         return none
     x = chart.coordinates(theta)
     density = LogPosterior(likelihood, hyperprior, chart)

@@ -256,8 +256,8 @@ class NarrowIntervalsWarning(SkmtgpWarning, UserWarning):
     """Rows are few for each hyperparameter, so intervals are too narrow.
 
     There are fewer than four rows for each hyperparameter, or fewer than eight with
-    several kernels, with Dask's collections, and with ``learning="staged"`` or
-    "simultaneous". The rows leave the hyperparameters more uncertain than predictions
+    several kernels, with Dask's collections, with more than 500 hyperparameters, and
+    with ``learning="staged"`` or "simultaneous". The rows leave the hyperparameters more uncertain than predictions
     count, and a 95 % interval may hold only 80 to 93 % of new observations, or 50 to 90
     % in the other cases. Sampled hyperparameters count it, see :doc:`/guide/intervals`,
     and have better means, too. Rows with the same inputs and task count once here, and

@@ -242,6 +242,7 @@ class SingleTaskGP(ConformalMixin, Estimator):
     variance_factor_ : ndarray of shape (n_tasks,) or (n_tasks, n_outputs)
         What variances of each task's predictions are multiplied by, because its
         hyperparameters were learned from few rows; 1 with 20 rows or more for each.
+        Deviations of a trend's coefficients have it, too, ``noise_variance_`` has not.
     n_features_in_ : int
         Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)

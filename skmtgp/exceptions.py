@@ -257,11 +257,11 @@ class NarrowIntervalsWarning(SkmtgpWarning, UserWarning):
 
     There are fewer than four rows for each hyperparameter, or fewer than eight with
     several kernels, with Dask's collections, with more than 500 hyperparameters, and
-    with ``learning="staged"`` or "simultaneous". The rows leave the hyperparameters more uncertain than predictions
-    count, and a 95 % interval may hold only 80 to 93 % of new observations, or 50 to 90
-    % in the other cases. Sampled hyperparameters count it, see :doc:`/guide/intervals`,
-    and have better means, too. Rows with the same inputs and task count once here, and
-    noise variances of tasks as one hyperparameter.
+    with ``learning="staged"`` or "simultaneous". The rows leave the hyperparameters
+    more uncertain than predictions count, and a 95 % interval may hold only 80 to 93 %
+    of new observations, or 50 to 90 % in the other cases. Sampled hyperparameters count
+    it, see :doc:`/guide/intervals`, and have better means, too. Rows with the same
+    inputs and task count once here, and noise variances of tasks as one hyperparameter.
 
     Examples
     --------

@@ -516,7 +516,7 @@ class RankSearchIC(MetaEstimatorMixin, ConformalMixin, Estimator):
             Mean of f at each training sample given the others, in units of y and in the
             order of the rows in `fit`.
         y_std : ndarray of the shape of y_mean
-            Its standard deviation.
+            Its standard deviation, without `variance_factor_`.
 
         Raises
         ------

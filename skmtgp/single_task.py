@@ -650,7 +650,7 @@ class SingleTaskGP(ConformalMixin, Estimator):
             order of the rows in `fit`. With `target_transform` it is the median, as in
             `predict`.
         y_std : ndarray of the shape of y_mean
-            Its standard deviation.
+            Its standard deviation, without `variance_factor_`.
 
         Raises
         ------

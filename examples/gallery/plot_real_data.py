@@ -156,5 +156,6 @@ for ax in axes[1]:
 # ---------------------
 # The curves show the share of hidden values inside the intervals. At 95 % the intervals
 # of the multi-task model are by far the narrowest, and somewhat too narrow. It has
-# learned many hyperparameters from 300 values and treats them as known.
+# learned many hyperparameters from 300 values. What those leave open is counted by one
+# factor for all variances, and only in part.
 print(pd.DataFrame(inside).map("{:.0%}".format).to_string())

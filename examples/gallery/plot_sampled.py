@@ -2,9 +2,9 @@
 Intervals of a few rows
 =======================
 
-A Gaussian process treats its hyperparameters as known. But six rows of each of three
-tasks do not determine them well. This example compares the intervals of the most likely
-hyperparameters with those of an average over plausible ones.
+Six rows of each of three tasks do not determine the hyperparameters well. This example
+compares the intervals of the most likely hyperparameters with those of an average over
+plausible ones.
 """
 
 # %%
@@ -59,7 +59,7 @@ axes[0].set_ylabel("y of task 0")
 plt.show()
 
 # %%
-# The bands of the mode, the most likely hyperparameters, miss half of the measurements.
+# The bands of the mode, the most likely hyperparameters, miss too many measurements.
 # The average over the draws is wider where little is known.
 #
 # All tasks, and all levels

@@ -100,8 +100,8 @@ display.plot(kind="correlation", deviations=True, ax=axes[1])
 # ---------------------------
 # The plot shows the share of 200 new measurements of each site inside intervals,
 # against the level of the intervals. The bands are too narrow, most of all at site e.
-# The model treats its hyperparameters as known, and those of site e come from six
-# measurements.
+# Six measurements of site e do not determine its hyperparameters well, and one factor
+# for the variances of all sites counts that only in part.
 from skmtgp.inspection import CoverageDisplay
 
 display = CoverageDisplay.from_estimator(search, X_test, y_test)

@@ -104,8 +104,8 @@ for row, name in zip(axes, ("a shared kernel", "multi-task"), strict=True):
 # %%
 # How sure it should be
 # ---------------------
-# The weakness: 95 % intervals of the multi-task model contain too few of the hidden
-# months. It has many hyperparameters for its samples and treats them as known.
+# The weakness: 95 % intervals of the multi-task model contain somewhat too few of the
+# hidden months. It has many hyperparameters for its samples.
 from skmtgp.metrics import coverage
 
 for name in ("a shared kernel", "multi-task"):

@@ -70,7 +70,7 @@ class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
             `partial_fit`, follow them, as in `y_train_`. With `target_transform` it is
             the median, as in `predict`.
         y_std : ndarray of the shape of y_mean
-            Its standard deviation.
+            Its standard deviation, without `variance_factor_`.
 
         Raises
         ------

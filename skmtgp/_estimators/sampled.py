@@ -29,8 +29,8 @@ from skmtgp.learning.sampling import N_CHAINS, THINNED, sample_hyperparameters
 # a correlation between tasks is all but 1.
 FEWEST, LARGEST, MOST_DIVERGENT = 25, 1.2, 0.05
 # By "auto" they are drawn where rows are few for each hyperparameter, which is where
-# intervals of the mode are too narrow (benchmarks/results/intervals_mode.txt), of as many
-# rows in all as take seconds.
+# intervals of the mode are too narrow (benchmarks/results/intervals_mode.txt), of as
+# many rows in all as take seconds.
 FEW_ROWS_EACH, MOST_ROWS = 16, 500
 FIXED = 1e-9  # how near to 0, 1 or -1 a correlation is that cannot be another
 CHAINS = "effective_sample_size_", "r_hat_", "n_divergences_"

@@ -87,9 +87,9 @@ def awaken(problem, mode):
     if not (learned and prior.n_terms == 1 and problem.is_noisy(mode)):
         return mode
     noise = np.mean(prior.values(mode.theta).noise)
-    if _size(problem, mode.theta) > tuning.asleep * noise:
-        return mode
     K_rho, usual = prior.K_rho_at(problem.theta()), _size(problem, problem.theta())
+    if not usual or _size(problem, mode.theta) > tuning.asleep * noise:
+        return mode  # usual is 0 of a kernel that is 0 at all rows
     begin = problem.theta(
         K_rho=tuning.awake * noise / usual * K_rho,
         log_noise=prior.log_noise_at(mode.theta) + np.log1p(-tuning.awake),

@@ -3,8 +3,9 @@
 import building
 import numpy as np
 import pytest
-from sklearn.gaussian_process.kernels import RBF
+from sklearn.gaussian_process.kernels import RBF, DotProduct
 
+from skmtgp import MultiTaskGPRegressor
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.hidden import awaken
 from skmtgp.learning.problem import Mode
@@ -106,3 +107,12 @@ def test_functions_begin_at_the_size_that_tuning_says():
         np.testing.assert_allclose(left, (1.0 - TUNING.awake) * noise)
         scales = np.exp(theta[prior.of_length_scales])
         np.testing.assert_allclose(scales, 2.0 * np.exp(step))
+
+
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.NarrowIntervalsWarning")
+@pytest.mark.parametrize("rank", [None, 1])
+def test_a_kernel_that_is_zero_at_all_rows_leaves_the_levels(rank):
+    rng = np.random.default_rng(0)
+    X, y = np.column_stack([np.zeros(40), np.arange(40) % 4]), rng.standard_normal(40)
+    model = MultiTaskGPRegressor(rank=rank, kernel=DotProduct(0.0, "fixed")).fit(X, y)
+    assert np.abs(model.predict(X[:4])).max() < 1.0

@@ -533,10 +533,13 @@ def _targets(y, model, n_outputs):
             "sample as predict_proba([x], [y])."
         )
     Y = check_numbers(y, "y")
+    one_row = f" For one sample give y of shape (1, {n_outputs})."
+    one_row *= Y.shape == (n_outputs,)
     Y = Y.reshape(len(Y), -1) if n_outputs > 1 or Y.ndim > 1 else Y[:, None]
     if Y.shape[1] != n_outputs:
         raise ValueError(
             f"y has {Y.shape[1]} columns, but the model has {n_outputs} outputs."
+            f"{one_row}"
         )
     check_magnitude(Y, "y", column_names(y if hasattr(y, "columns") else Y))
     return Y

@@ -350,6 +350,7 @@ class TestRefusals:
         ("x", "y", "match"),
         [
             (NEW[:, None], Y_NEW[:, 0], "y has 1 columns, but the model has 2"),
+            (NEW[:1, None], Y_NEW[0], r"2 outputs\. For one .* shape \(1, 2\)\."),
             (NEW[:3, None], Y_NEW, "X has 3 rows, but y has 6"),
             (NEW[:1], 0.5, r"y=0.5 is one number, .* predict_proba\(\[x\], \[y\]\)"),
             (np.ones((6, 2)), Y_NEW, r"must have 4 columns.*or 1, without the task"),

@@ -24,6 +24,7 @@ from skmtgp._estimators.compiled import (
     OfDescribed,
     Transform,
     means_of,
+    names_of_state,
 )
 from skmtgp._support.pipelines import instead_of
 from skmtgp.model_selection import RankSearchIC
@@ -109,6 +110,10 @@ class Source:
             )
         *first, last = (step for _, step in steps)
         return cls([step for step in first if step not in (None, "passthrough")], last)
+
+    def names(self):
+        """Names of the columns of a state, or None."""
+        return names_of_state(self.steps, self.model)
 
     def code(self, label):
         """The position of a task."""

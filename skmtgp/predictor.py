@@ -9,6 +9,7 @@ from typing import Self
 from weakref import ref
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 
@@ -48,7 +49,7 @@ def compile_predictor(
     It is meant for control loops, where predictions are due in time. Features, units
     and the sums over training rows are prepared once. Each call only computes the
     kernel between the state and those rows. It uses no frames and no pipelines, and
-    checks only the length of the state.
+    checks only the length of the state, and the names of a Series.
 
     Parameters
     ----------
@@ -165,6 +166,8 @@ class CompiledPredictor:
     (2,)
     """
 
+    _names = ()  # of predictors that were pickled before they had any
+
     def __init__(
         self,
         model: BaseEstimator
@@ -191,6 +194,7 @@ class CompiledPredictor:
         self.outputs, self._asked = list(chosen), outputs
         self.n_features_in = sources[0].n_features
         self._shape = (self.n_features_in,)
+        self._names = [names for of in sources if (names := of.names()) is not None]
         self._plans = plans_of(sources, list(chosen.values()), labels)
         self.descriptors, self._described = None, None
         if task is None:
@@ -263,7 +267,8 @@ class CompiledPredictor:
         ----------
         x : array-like of shape (n_features_in,)
             The columns of X in their order, without the task and its descriptors. That
-            they are finite is not checked, to save time: NaN gives NaN.
+            they are finite is not checked, to save time: NaN gives NaN. A Series must
+            have the names of the features of `fit`, if these had names.
         task : int or str, default=None
             Label of the task, if the predictor is not compiled for one task.
         descriptors : array-like of shape (n_descriptors,), default=None
@@ -275,6 +280,12 @@ class CompiledPredictor:
         -------
         y : ndarray of shape (n_outputs,)
             Predictions as of `predict`, in units of y.
+
+        Raises
+        ------
+        ValueError
+            If `x` has another shape, or is a Series with other names or in another
+            order. If the task is not known, or `descriptors` cannot be used.
         """
         now = as_it_is(self)
         x = now._check(x)
@@ -448,6 +459,8 @@ class CompiledPredictor:
         return self
 
     def _check(self, x):
+        if isinstance(x, pd.Series):
+            self._check_names(x.index.tolist())
         x = np.asarray(x, dtype=float)
         if x.shape != self._shape:
             raise ValueError(
@@ -455,6 +468,18 @@ class CompiledPredictor:
                 "the task and its descriptors."
             )
         return x
+
+    def _check_names(self, found):
+        """Raise a ValueError where a state has other names than the features."""
+        if not all(isinstance(name, str) for name in found):
+            return
+        for names in self._names:
+            if found != names:
+                raise ValueError(
+                    f"x has the names {found}, but the features of the model are "
+                    f"{names}, in this order, without the task and its descriptors. "
+                    "Arrange x like this, or give an array."
+                )
 
     def _of_task(self, plans, task):
         """What is done for a task."""

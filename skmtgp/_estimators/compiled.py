@@ -47,6 +47,31 @@ def place_of_task(first, model):
     return first.n_features_in_ - 1 if is_last else position
 
 
+def names_of_state(steps, model):
+    """Names of the columns of X without the task and its descriptors, if it has any.
+
+    Parameters
+    ----------
+    steps : list of transformer
+        Fitted, what X passes before the model.
+    model : estimator
+        Fitted.
+
+    Returns
+    -------
+    names : list of str or None
+    """
+    first = [*steps, model][0]
+    names = getattr(first, "feature_names_in_", None)
+    if names is None:
+        return None
+    knows_tasks = hasattr(first, "task_feature")
+    place = locate(first)[0] if knows_tasks else place_of_task(first, model)
+    given = getattr(first, "_descriptors", None)
+    described = [] if given is None else getattr(given, "columns", given)
+    return np.delete(np.delete(names, place), described).tolist()
+
+
 def are_label(values, label):
     """Whether values of a column are all the label of this task."""
     try:

@@ -239,7 +239,9 @@ def predict_interval(
     level : float, default=0.95
         Probability that the interval holds an observation.
     include_noise : bool, default=True
-        Whether the interval is that of a new observation, or that of f.
+        Whether the interval is that of a new observation, or that of f. The noise is
+        the learned one, and `alpha` if you give it here: that of `fit` is not in new
+        rows.
     alpha : array-like, default=None
         Known noise variance of each new observation, in squared units of y, see
         :meth:`MultiTaskGPRegressor.predict_interval`.

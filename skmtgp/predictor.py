@@ -401,7 +401,8 @@ class CompiledPredictor:
             Label of the task, if the predictor is not compiled for one task.
         include_noise : bool, default=False
             Whether they are those of a new observation, f plus noise, rather than those
-            of f.
+            of f. The noise is the learned one, even if `fit` had an `alpha`: if new
+            rows have such noise, too, the deviation is ``np.sqrt(y_std**2 + alpha)``.
 
         Returns
         -------

@@ -551,7 +551,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         return_std : bool, default=False
             Whether to return standard deviations, too.
         include_noise : bool, default=False
-            Whether they are those of new observations, rather than of f.
+            Whether they are those of new observations, rather than of f. The noise is
+            the learned one, even if `fit` had an `alpha`: if new values have such
+            noise, too, their deviation is ``np.sqrt(y_std**2 + alpha)``.
 
         Returns
         -------
@@ -588,7 +590,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         level : float, default=0.95
             Probability of the interval.
         include_noise : bool, default=True
-            Whether the interval is that of a new observation, rather than of f.
+            Whether the interval is that of a new observation, rather than of f. The
+            noise is the learned one, and `alpha` if you give it here: that of `fit` is
+            not in new values.
         alpha : float or array-like of shape (n_samples, n_outputs), default=None
             Known noise variance of each new observation, in squared units of y, and of
             shape (n_samples,) if y had one dimension in `fit`. It is added to the

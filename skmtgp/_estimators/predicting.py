@@ -110,7 +110,9 @@ class PosteriorMixin(RegressorMixin):
             Whether to return the covariance of the predictions of an output, too.
         include_noise : bool, default=False
             Whether the uncertainty is that of a new observation, f plus noise, rather
-            than that of f.
+            than that of f. The noise is the learned one, even if `fit` had an `alpha`:
+            if new rows have such noise, too, their deviation is
+            ``np.sqrt(y_std**2 + alpha)``.
 
         Returns
         -------
@@ -196,7 +198,8 @@ class PosteriorMixin(RegressorMixin):
             gives the median twice.
         include_noise : bool, default=True
             Whether the interval is that of a new observation, f plus noise, rather than
-            that of f.
+            that of f. The noise is the learned one, and `alpha` if you give it here:
+            that of `fit` is not in new rows.
         alpha : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
             Known noise variance of each new observation, in squared units of y. It is
             added to the learned one, as in `fit`. A single number holds for all. None

@@ -303,7 +303,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Correlations of the tasks in `task_covariance_`, with their labels. With several
         outputs ``task_correlation_.loc[j]`` is that of output j. With several terms
         ``task_correlation_.loc[q]`` is that of term q. With rank 1 and no functions of
-        each task's own all are -1 or 1, whatever the rows say.
+        each task's own all are -1 or 1, whatever the rows say. At rank 0 (`rank_`) the
+        form fixes them, too: 0 of independent tasks, 1 of one function of all tasks,
+        and the same for all pairs by compound symmetry. If tasks have functions of
+        their own, correlate the curves of `predict` at the same inputs by
+        `np.corrcoef`, or give a `rank` of 2 or more.
     task_descriptors_ : DataFrame of n_tasks rows
         Descriptors of each task. Only with `task_descriptors`.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)

@@ -21,6 +21,12 @@ class SummaryMixin:
         and columns. With several outputs ``task_correlation_.loc[j]`` is that of output
         j, with several terms ``task_correlation_.loc[q]`` is that of term q, and with
         both ``task_correlation_.loc[(j, q)]``.
+
+        At rank 0 they follow from the form of the model, and are no estimate for a
+        pair: 0 of independent tasks, 1 of one function of all tasks, and one number
+        for all pairs by compound symmetry. If tasks have functions of their own,
+        correlate the predicted curves instead, by `np.corrcoef` of `predict` at the
+        same inputs for each task. Or give a `rank` of 2 or more.
         """
         check_is_fitted(self)
         n_outputs, n_tasks = len(self._posteriors), len(self.tasks_)
@@ -82,8 +88,10 @@ class SummaryMixin:
         Notes
         -----
         With rank 1 and no functions of each task's own every correlation is -1 or 1,
-        whatever the rows say. :class:`~skmtgp.inspection.TransferDisplay` says whether
-        a task gains from the others.
+        whatever the rows say. At rank 0 the form of the model fixes them, too, see
+        `task_correlation_`: "closest" says nothing then.
+        :class:`~skmtgp.inspection.TransferDisplay` says whether a task gains from the
+        others.
 
         Where functions are smooth over all inputs, they can hold what the tasks differ
         by, and the learned variance of the levels is then almost 0: all tasks have the

@@ -15,6 +15,7 @@ from skmtgp._data.oddities import (
 from skmtgp._data.overlap import share_overlapping
 from skmtgp._estimators.least_noise import with_least_noise
 from skmtgp._estimators.many_columns import with_alike_columns
+from skmtgp._estimators.named_kernels import DEFAULT
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.smoothness import log_likelihood, rougher
 from skmtgp._estimators.units import FAR, shared_units, units_of_tasks
@@ -103,14 +104,39 @@ def _decided(model, training, foretell):
     if foretell is not None and _takes_long(model, candidates[0]):
         foretell(pose(model, candidates[0], told=False))
         candidates = [replace(of, foretold=True) for of in candidates]
-    with limit_threads(len(training.Y)):
-        found = [screened(model, candidate, noises) for candidate in candidates]
-        scores = np.array([score for score, *_ in found])
-        if len(found) > 1 and _compares_sizes(training, found, noises[0]):
-            scores += [_gain_as_large(*of) for _, *of in found]
-    _, best, of_outputs = found[int(np.argmax(scores))]
+    best, of_outputs = _in_best_units(model, candidates, noises)
     noisy = all(of.is_noisy(mode, beyond=BEYOND) for of, mode in of_outputs)
     return replace(best, noisy=noisy and not _adds_up(model._kernels()))
+
+
+def for_own_noise(model, training):
+    """The training data with the units and k^x that suit noise of each task.
+
+    Parameters
+    ----------
+    model : BaseMultiTaskGP
+        Its parameters say what to ask.
+    training : Training
+        As decided for one noise.
+
+    Returns
+    -------
+    training : Training
+    """
+    training = replace(training, noise="per_task", kernel=DEFAULT)
+    candidates = [training.with_units(of) for of in _units(model, training)]
+    return _in_best_units(model, candidates, ["per_task"])[0]
+
+
+def _in_best_units(model, candidates, noises):
+    """Of training data in several units the likeliest, see `screened`."""
+    [first, *_] = candidates
+    with limit_threads(len(first.Y)):
+        found = [screened(model, candidate, noises) for candidate in candidates]
+        scores = np.array([score for score, *_ in found])
+        if len(found) > 1 and _compares_sizes(first, found, noises[0]):
+            scores += [_gain_as_large(*of) for _, *of in found]
+    return found[int(np.argmax(scores))][1:]
 
 
 def _compares_sizes(training, found, shared):

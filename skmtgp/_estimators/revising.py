@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from skmtgp._estimators.deciding import kinds_of_noise, least_gain, screened
-from skmtgp._estimators.named_kernels import DEFAULT, LINEAR
+from skmtgp._estimators.deciding import for_own_noise, kinds_of_noise, least_gain
+from skmtgp._estimators.named_kernels import LINEAR
 from skmtgp._estimators.smoothness import (
     as_named,
     counting,
@@ -18,9 +18,9 @@ from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import say
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.contenders import is_weighed, may_be_weighed, weighed
-from skmtgp.learning.lines import as_lines, may_be_lines
+from skmtgp.learning.lines import as_lines, may_be_lines, may_hide_lines, sketched
 from skmtgp.learning.nesting import nest
-from skmtgp.learning.problem import Mode, Problem
+from skmtgp.learning.problem import Problem
 from skmtgp.learning.screening import (
     by_likelihood,
     criterion,
@@ -30,6 +30,7 @@ from skmtgp.learning.screening import (
     tells_noise,
     with_kernel,
     with_own_noise,
+    worth_of_units,
 )
 from skmtgp.learning.weighing import (
     best_of_forms,
@@ -42,6 +43,7 @@ from skmtgp.learning.weighing import (
 # Nats that noise of each task must gain where functions may have followed it.
 SURE_ANEW = 3.0
 FEW_ROWS = 5  # for each number of k^x
+HOPE = 1.0  # nats by which lines of few rows may be worth less than curves
 
 
 def revise(model, training, problems, modes, learn):
@@ -72,7 +74,7 @@ def revise(model, training, problems, modes, learn):
     if not (learned and problems[0][0].engine.exact):
         return training, problems, modes
     training, problems, modes = _with_kernel(model, training, problems, modes)
-    training, problems, modes = _with_lines(model, training, problems, modes)
+    training, problems, modes = _with_lines(model, training, problems, modes, learn)
     return _with_noise(model, training, problems, modes, learn)
 
 
@@ -89,39 +91,78 @@ def _with_kernel(model, training, problems, modes):
     return replace(training, kernel=names[-1]), problems, modes
 
 
-def _with_lines(model, training, problems, modes):
-    """The same with linear functions, learned on from curves, if that is likelier.
+def _with_lines(model, training, problems, modes, learn):
+    """The same with linear functions, learned anew, if these are likelier.
 
-    Where tasks were measured at different inputs it is not asked: lines go on where
-    there are no rows.
+    Of wide data they are learned on from the curves, which tell the inputs that matter:
+    likelier weights follow noise along others. Where tasks were measured at different
+    inputs it is not asked: lines go on where there are no rows.
     """
-    asks, n_jobs = _asks_for_lines(model, training, problems[0][0]), model.n_jobs
-    may_be = [
-        asks and all(map(may_be_lines, *of)) for of in zip(problems, modes, strict=True)
-    ]
-    best = best_of_forms(problems, modes, n_jobs) if any(may_be) else 0
-    if not may_be[best]:
+    n_jobs = model.n_jobs
+    asks = _asks_for_lines(model, training, problems[0][0])
+    pairs = [list(zip(*of, strict=True)) for of in zip(problems, modes, strict=True)]
+    if not (asks and any(map(_may_be_lines, pairs))):
         return training, problems, modes
-    of_best = problems[best], modes[best]
+    best = best_of_forms(problems, modes, n_jobs)
+    curves, least = pairs[best], problems[0][0].tuning.linear
+    if not _may_be_lines(curves):
+        return training, problems, modes
+    hope, spent = _hope_of_lines(model, training, curves)
+    modes = [*modes[:best], spent, *modes[best + 1 :]]
+    if not hope:
+        return training, problems, modes
     if model.verbose:
-        say("functions may be straight lines: learned on with kernel='linear'")
-    change = partial(as_lines, kernel=as_named(model, training, LINEAR))
-    curves = list(zip(*of_best, strict=True))
-    least = curves[0][0].tuning.linear
-    by_chance = sum(least + 0.5 * of.prior.kernel.n_dims for of, _ in curves)
-    loss = by_chance if len(curves) == 1 else np.inf  # another output may gain it
-    lines = run(partial(change, loss=loss), curves, n_jobs=n_jobs)
-    if log_likelihood(lines) < log_likelihood(curves) - by_chance:
-        spent = [mode for _, mode in counting(curves, lines)]
-        return training, problems, [*modes[:best], spent, *modes[best + 1 :]]
-    known = [{best: of} for of in lines]
-    found = _of_forms(change, problems, modes, n_jobs, known)
+        say("functions may be straight lines: learned with kernel='linear'")
+    lines = replace(training, kernel=LINEAR)
+    if _is_wide(problems[0][0]):
+        change = partial(as_lines, kernel=as_named(model, training, LINEAR))
+        found = _of_forms(change, problems, modes, n_jobs)
+    else:
+        found = list(learn(lines))
     k = best_of_forms(*found, n_jobs)
-    gain = _gain(of_best, [[of[k]] for of in found], n_jobs)
-    pair = [problems[k], found[0][k]], [modes[k], found[1][k]]
-    if gain > least and gain - _loss_left_out(*pair, n_jobs) > least:
-        return replace(training, kernel=LINEAR), *found
-    return training, problems, _of_each(Mode.spending, modes, found[1])
+    gain = _gain((problems[best], modes[best]), [[of[k]] for of in found], n_jobs)
+    pair = [problems[best], found[0][k]], [modes[best], found[1][k]]
+    if gain > 0.0 and gain - _loss_left_out(*pair, n_jobs) > least:
+        return lines, found[0], _spent_too(found[1], modes)
+    return training, problems, _spent_too(modes, found[1])
+
+
+def _may_be_lines(curves):
+    """Whether curves hardly bend, or may have followed the noise."""
+    return _hardly_bend(curves) or all(may_hide_lines(*of) for of in curves)
+
+
+def _hardly_bend(curves):
+    return all(may_be_lines(*of) for of in curves)
+
+
+def _hope_of_lines(model, training, curves):
+    """Whether lines may be likelier than the curves of a form, and their modes.
+
+    Curves that hardly bend are learned on as lines. If these are worse, the K^rho may
+    be what suits curves alone. So lines are learned from a few hundred rows, too.
+    """
+    kernel, n_jobs = as_named(model, training, LINEAR), model.n_jobs
+    if _hardly_bend(curves):
+        loss = sum(_by_chance(problem) for problem, _ in curves)
+        single = len(curves) == 1  # of several outputs others may gain what one lacks
+        change = partial(as_lines, kernel=kernel, loss=loss if single else np.inf)
+        lines = run(change, curves, n_jobs=n_jobs)
+        hope = log_likelihood(lines) >= log_likelihood(curves) - loss
+        curves = counting(curves, lines)
+        if hope:
+            return hope, [mode for _, mode in curves]
+    told = run(partial(sketched, kernel=kernel), curves, n_jobs=n_jobs)
+    gain = sum(of for of, _ in told)
+    spent = [
+        mode.counting([of]) for (_, mode), (_, of) in zip(curves, told, strict=True)
+    ]
+    return gain > -HOPE * len(curves), spent
+
+
+def _by_chance(problem):
+    """Nats that curves gain by following noise along inputs that do not matter."""
+    return 0.5 * problem.prior.kernel.n_dims if _is_wide(problem) else 0.0
 
 
 def _asks_for_lines(model, training, problem):
@@ -154,7 +195,9 @@ def _with_noise(model, training, problems, modes, learn):
     of_best = problems[best], modes[best]
     if any(map(hides_noise, *of_best)):
         other, *found = _anew(model, training, learn)
-        if _tells_all(*found) and _gain(of_best, found, model.n_jobs) > SURE_ANEW:
+        gain = _gain(of_best, found, model.n_jobs)
+        gain += _worth_of_units(other, found[0]) - _worth_of_units(training, problems)
+        if _tells_all(*found) and gain > SURE_ANEW:
             return other, found[0], _spent_too(found[1], modes)
         modes = _spent_too(modes, found[1])
     if all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best)):
@@ -167,10 +210,9 @@ def _with_noise(model, training, problems, modes, learn):
 
 def _anew(model, training, learn):
     """What is learned with noise of each task from the start, and with which k^x."""
-    training = replace(training, noise="per_task", kernel=DEFAULT)
     if model.verbose:
         say("functions may follow noise: learned anew with noise of each task")
-    _, training, _ = screened(model, training, ["per_task"])
+    training = for_own_noise(model, training)
     return _with_kernel(model, training, *learn(training))
 
 
@@ -192,6 +234,12 @@ def _gain(of_best, found, n_jobs):
     return (values[1] - values[0]) / len(problems[0])
 
 
+def _worth_of_units(training, problems):
+    """Nats an output that units are worth, see `worth_of_units`."""
+    pairs = zip(problems[0], training.units.scale, strict=True)
+    return np.mean([worth_of_units(*of) for of in pairs])
+
+
 def _is_wide(problem):
     """Whether rows are so few beside the inputs that some matter by chance.
 
@@ -205,14 +253,19 @@ def _loss_left_out(problems, modes, n_jobs):
     """Nats an output that the second of two k^x predicts rows worse by, left out.
 
     Where curves bend little beside steep slopes, lines take them for noise. That costs
-    predictions much, and the evidence of few rows little. Both have the same form of
-    K^rho, for more hyperparameters seem to predict better than they do. Of wide data
-    nothing is lost.
+    predictions much, and the evidence of few rows little. More numbers of K^rho seem to
+    predict better than they do, by one nat each. Of wide data nothing is lost.
     """
     if _is_wide(problems[0][0]):
         return -np.inf
     values = summed(log_density_left_out, problems, modes, n_jobs)
+    values -= [sum(_numbers_of_tasks(of.prior) for of in each) for each in problems]
     return (values[0] - values[1]) / len(problems[0])
+
+
+def _numbers_of_tasks(prior):
+    """How many hyperparameters are not those of k^x."""
+    return prior.n_hyperparameters - prior.kernel.n_dims
 
 
 def _spent_too(modes, others):

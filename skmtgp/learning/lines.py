@@ -6,6 +6,9 @@ import numpy as np
 from sklearn.base import clone
 
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.contenders import worth
+from skmtgp.learning.screening import price
+from skmtgp.model.task_covariance import low_rank
 
 MANY = 500  # rows, which tell noise from curves; fewer take little to be learned
 LENGTH, AMPLITUDE = "length_scale", "constant_value"  # parameters of kernels
@@ -77,6 +80,55 @@ def as_lines(problem, mode, kernel, loss=np.inf):
     return problem, mode.then(lines)
 
 
+def may_hide_lines(problem, mode):
+    """Whether planes may be worth more than curves, which may have followed the noise.
+
+    Of fewer numbers than one for each input there are none.
+
+    Parameters
+    ----------
+    problem, mode
+        See :func:`may_be_lines`.
+
+    Returns
+    -------
+    may_hide : bool
+    """
+    plain = problem.data.known is None and problem.prior.trend is None
+    if not (plain and problem.is_noisy(mode)):
+        return False
+    least = worth(problem, mode) + price(len(problem.data.X.T), len(problem.data))
+    return _likeliest_planes(problem) >= least
+
+
+def sketched(problem, mode, kernel):
+    """What lines, learned quickly from a few hundred rows, are worth more than curves.
+
+    Tasks share one plane, and each has one of its own.
+
+    Parameters
+    ----------
+    problem, mode, kernel
+        See :func:`as_lines`.
+
+    Returns
+    -------
+    gain : float
+        Nats of eq. 8.
+    mode : Mode
+        That of the lines.
+    """
+    few = problem.coarse_to_fine()[0]
+    form = low_rank(few.prior.n_tasks, 0, shared=True, diagonal="equal")
+    prior = replace(few.with_form(form).prior, kernel=kernel)
+    lines = replace(few, prior=prior).quickly()
+    found = climb(lines, lines.theta(), relaxed=True)
+    curves = mode
+    if few is not problem:
+        curves = mode._replace(value=few.likelihood().value(mode.theta))
+    return worth(lines, found) - worth(few, curves), found
+
+
 def _slopes_of(curves, kernel):
     """Theta of a linear k^x with the slopes of curves, and a value to match."""
     usual, curves = kernel.get_params(), curves.get_params()
@@ -99,7 +151,12 @@ def _planes_explain(problem, mode):
 
 
 def _planes_may_be_likelier(problem, mode):
-    """Whether a plane of each task is at least as likely as the curves are.
+    """Whether a plane of each task is at least as likely as the curves are."""
+    return _likeliest_planes(problem) >= problem.log_likelihood(mode)
+
+
+def _likeliest_planes(problem):
+    """Log likelihood of a plane of each task.
 
     Its coefficients and noise are the likeliest, so no model of lines is likelier.
     """
@@ -107,7 +164,7 @@ def _planes_may_be_likelier(problem, mode):
     squares, counts, _ = left.T if problem.prior.n_noise > 1 else left.sum(axis=0)
     with np.errstate(divide="ignore"):  # planes through all rows
         logs = counts * np.log(2.0 * np.pi * np.e * squares / counts)
-    return -0.5 * logs.sum() >= problem.log_likelihood(mode)
+    return -0.5 * logs.sum()
 
 
 def _left_by_planes(data, noise):

@@ -336,9 +336,14 @@ def score(problem, mode, scale):
     -------
     score : float
     """
+    return criterion(problem, mode) + worth_of_units(problem, scale)
+
+
+def worth_of_units(problem, scale):
+    """Nats from a density in units to that of y, less what the units are worth."""
     data, trend = problem.data, problem.prior.trend
     scale = np.broadcast_to(scale, data.n_tasks)
-    found = criterion(problem, mode) - data.counts @ np.log(scale)[data.tasks]
+    found = -(data.counts @ np.log(scale)[data.tasks])
     if trend is not None:
         found += trend.log_jacobian(data.X, data.tasks)
     if (scale == scale[0]).all():

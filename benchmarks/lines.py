@@ -1,12 +1,14 @@
 """Whether lines and planes are found by default, and curves are not taken for them.
 
-``python benchmarks/lines.py`` draws five kinds of data, with levels and noise:
+``python benchmarks/lines.py`` draws six kinds of data, with levels and noise:
 
 - "planes": 8 tasks of 10 rows and 3 features, slopes that have nothing in common;
 - "alike": the same with slopes around 1.5;
 - "varieties": 12 tasks of 4 to 8 rows, lines with slopes around 1;
 - "plane and curve": the planes, and a curve of half their size along one feature;
-- "curves": 8 tasks of 10 rows and one feature, curves with a trend.
+- "curves": 8 tasks of 10 rows and one feature, curves with a trend;
+- "returns": 12 tasks of the same 60 rows and 4 features, planes with slopes around 1,
+  0.3, 0.2 and -0.1, and noise of 3.3 times their variance, as returns of assets have.
 
 It fits the defaults, the same with kernel="rbf" and "linear", and least squares of each
 task. "inside" is the root mean squared error over the deviation of the truth, for new
@@ -17,6 +19,8 @@ counts the fits whose kernel is linear. "seconds" are the processor's of a fit.
 import argparse
 import time
 import warnings
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,6 +31,30 @@ from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC
 from skmtgp.kernels import ARDLinear
 
 NOISE, FAR = 0.4, 2.0
+
+
+class Kind(NamedTuple):
+    """Data of a kind.
+
+    Attributes
+    ----------
+    f : callable
+        The truth as a function of x and the task.
+    counts : sequence of int
+        Rows of each task.
+    d : int
+        Features.
+    noise : float or ndarray of shape (n_tasks,)
+        Its deviation.
+    common : bool
+        Whether all tasks have the same rows.
+    """
+
+    f: Callable
+    counts: Sequence
+    d: int
+    noise: float | np.ndarray = NOISE
+    common: bool = False
 
 
 class EachAlone:
@@ -62,10 +90,15 @@ MODELS = {
 
 
 def planes(rng, around=0.0, n_tasks=8, d=3, deviation=1.0):
-    """The truth as a function of x and the task, the rows of each task, features."""
+    """Planes with slopes that have nothing in common."""
     slopes = around + deviation * rng.standard_normal((n_tasks, d))
-    levels = rng.standard_normal(n_tasks)
-    return lambda x, t: levels[t] + (slopes[t] * x).sum(axis=1), [10] * n_tasks, d
+    return Kind(*with_levels(rng, slopes), d)
+
+
+def with_levels(rng, slopes):
+    """Planes with levels, and ten rows of each task."""
+    levels = rng.standard_normal(len(slopes))
+    return lambda x, t: levels[t] + (slopes[t] * x).sum(axis=1), [10] * len(slopes)
 
 
 def alike(rng):
@@ -75,21 +108,31 @@ def alike(rng):
 
 def varieties(rng):
     """The same."""
-    f, *_ = planes(rng, around=1.0, n_tasks=12, d=1, deviation=0.3)
-    return f, rng.integers(4, 9, 12), 1
+    lines = planes(rng, around=1.0, n_tasks=12, d=1, deviation=0.3)
+    return lines._replace(counts=rng.integers(4, 9, 12))
 
 
 def plane_and_curve(rng):
     """The same."""
-    f, *rest = planes(rng)
-    return lambda x, t: f(x, t) + np.sin(2.0 * x[:, 0]), *rest
+    plane = planes(rng)
+    return plane._replace(f=lambda x, t: plane.f(x, t) + np.sin(2.0 * x[:, 0]))
 
 
 def curves(rng):
     """The same."""
-    f, *_ = planes(rng, around=1.0, d=1, deviation=0.3)
+    lines = planes(rng, around=1.0, d=1, deviation=0.3)
     size, phase = rng.uniform(0.7, 1.5, 8), rng.uniform(0.0, 1.0)
-    return lambda x, t: f(x, t) + size[t] * np.sin(2.0 * x[:, 0] + phase), [10] * 8, 1
+    return lines._replace(
+        f=lambda x, t: lines.f(x, t) + size[t] * np.sin(2.0 * x[:, 0] + phase)
+    )
+
+
+def returns(rng, n_tasks=12, signal=0.3):
+    """The same."""
+    slopes = [1.0, 0.3, 0.2, -0.1] + 0.4 * rng.standard_normal((n_tasks, 4))
+    noise = np.sqrt(np.square(slopes).sum(axis=1) / signal)
+    f, _ = with_levels(rng, slopes)
+    return Kind(f, [60] * n_tasks, 4, noise, common=True)
 
 
 KINDS = {
@@ -98,17 +141,19 @@ KINDS = {
     "varieties": varieties,
     "plane and curve": plane_and_curve,
     "curves": curves,
+    "returns": returns,
 }
 
 
 def rows_of(kind, seed):
     """Rows of the table, of one data set."""
     rng = np.random.default_rng(seed)
-    f, counts, d = KINDS[kind](rng)
+    f, counts, d, noise, common = KINDS[kind](rng)
     task, of_test = (np.repeat(np.arange(len(counts)), n) for n in (counts, 40))
     x, z = (rng.standard_normal((len(of), d)) for of in (task, of_test))
+    x = np.tile(x[task == 0], (len(counts), 1)) if common else x
     X, y = np.column_stack([x, task]), f(x, task)
-    y += NOISE * rng.standard_normal(len(y))
+    y += np.broadcast_to(noise, len(counts))[task] * rng.standard_normal(len(y))
     for name, make in MODELS.items():
         begin = time.process_time()
         model = make().fit(X, y)

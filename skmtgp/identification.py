@@ -32,7 +32,6 @@ from skmtgp.multitask import MultiTaskGPRegressor
 
 __all__ = ["TaskIdentifier"]
 
-FLOOR = 1e-4  # of the targets' deviation, where nothing tells how wrong a model is
 RIDGE = 1e-6  # of the variance of descriptors, in directions in which no tasks differ
 
 
@@ -62,8 +61,10 @@ class TaskIdentifier(Estimator):
         function with this standard deviation, relative to that of the targets that the
         model was fitted to. If a task's function is larger than those of the known
         tasks, so is the deviation, and likewise if it is smaller. It does not vanish
-        with many or exact samples. "auto" is 1e-4, but 0 for an unknown task if
-        ``inflation="auto"`` tells how large the errors of the model are.
+        with many or exact samples. "auto" is 1e-4, or for a known task twice the
+        deviation that f has at rows of the fit, if they have noise and this is larger.
+        It is 0 for an unknown task if ``inflation="auto"`` tells how large the errors
+        of the model are.
     inflation : "auto", float or array-like of shape (n_outputs,), default="auto"
         How much larger the variance of an unknown task's function is than the model
         says, apart from noise and `floor`. If tasks have descriptors, "auto" tells it
@@ -357,7 +358,7 @@ class TaskIdentifier(Estimator):
         population = _population(models[0]._descriptors, self.widening)
         rows = _rows(models, population, self.widening)
         noises, Y = self._noises(len(rows)), _targets(y, self.model, len(rows))
-        inflations, floors = self._inflations(models), self._floors(models[0])
+        inflations = self._inflations(models)
         outputs, told = [], self._is_told(models[0]._descriptors)
         for estimator, model in zip(_each(self.model), models, strict=True):
             inputs = inputs_of_any_task(_best(estimator), model, X)
@@ -368,7 +369,7 @@ class TaskIdentifier(Estimator):
             of_model = rows[columns], noises[columns], inflations[columns]
             learned = learned_from(model, *population) if told else None
             outputs += _at_samples(
-                model, inputs, Y[:, columns], *of_model, floors, learned
+                model, inputs, Y[:, columns], *of_model, self.floor, learned
             )
         return outputs, _starts(models[0], population, rows)
 
@@ -399,15 +400,6 @@ class TaskIdentifier(Estimator):
     def _is_told(self, descriptors):
         """Whether tasks that are left out tell how wrong the model is of another."""
         return descriptors is not None and isinstance(self.inflation, str)
-
-    def _floors(self, model):
-        """The floor of each task, and of another."""
-        floors = np.full(len(model.tasks_) + 1, FLOOR)
-        if not isinstance(self.floor, str):
-            floors[:] = self.floor
-        elif self._is_told(model._descriptors):
-            floors[-1] = 0.0
-        return floors
 
 
 def _listed(labels):
@@ -499,7 +491,7 @@ def _check_alike(models):
             )
 
 
-def _at_samples(model, inputs, Y, rows, noises, inflations, floors, learned):
+def _at_samples(model, inputs, Y, rows, noises, inflations, floor, learned):
     """The outputs of a model at samples, in its own units."""
     units = model._units
     unseen = np.array([len(model.tasks_)])
@@ -511,7 +503,7 @@ def _at_samples(model, inputs, Y, rows, noises, inflations, floors, learned):
             inputs,
             y,
             noise_of(model, j, noises[j], learned is not None),
-            errors_of(model, j, floors),
+            errors_of(model, j, floor, learned is not None),
             _factor(model, j),
             rows[j],
             inflations[j],

@@ -509,11 +509,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     fitted with "rbf", then "matern52", "matern" and "exponential", as long as each is
     likelier than the one before. After exact inference the learned model is asked once
     more. The kernels have the same parameters, so nothing is counted. If all
-    length-scales are then longer than two standard deviations of their feature,
-    functions may be straight lines or planes: learning goes on with "linear", which is
-    taken if it is better by three nats (of the evidence, or of eq. 8). This is not
-    tried where the inputs of the tasks do not overlap. A list of kernels and
-    ``max_iter=0`` keep "rbf".
+    length-scales are then longer than two standard deviations of their feature, or if
+    there is much noise, functions may be straight lines or planes. If some rows give
+    hope of that, all is learned anew with "linear". It is taken if it is likelier (by
+    the evidence, or by eq. 8), and that and its gain at left-out rows make three nats.
+    This is not tried where the inputs of the tasks do not overlap. A list of kernels
+    and ``max_iter=0`` keep "rbf".
 
     With complete data of N inputs and M tasks, time and memory grow with :math:`N^3`
     and :math:`N^2` instead of :math:`(NM)^3` and :math:`(NM)^2`, by Kronecker algebra.

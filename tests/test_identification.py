@@ -95,10 +95,25 @@ def test_known_tasks_are_recognised(model, undescribed, task):
 
 
 def test_another_task_is_none_of_them(model, undescribed):
+    x = np.linspace(0.4, 5.2, 12)
+    y = draw(x, *ANOTHER, seed=2)
     for of in (model, undescribed):
-        probabilities = TaskIdentifier(of).predict_proba(NEW[:, None], Y_NEW)
+        probabilities = TaskIdentifier(of).predict_proba(x[:, None], y)
         assert probabilities[-1] > 0.99
-        assert TaskIdentifier(of).predict(NEW[:, None], Y_NEW) is None
+        assert TaskIdentifier(of).predict(x[:, None], y) is None
+
+
+def test_a_known_task_errs_by_what_noisy_rows_leave_open(undescribed):
+    x, y = NEW[:, None], draw(NEW, AGE[1], SIZE[1], seed=3)
+    outputs, _ = TaskIdentifier(undescribed)._outputs(x, y)
+    scale, variances = undescribed._units.scale, undescribed.y_train_.var(axis=0)
+    found = undescribed.predict(X[:, [0, 3]], return_std=True)[1]
+    for j, output in enumerate(outputs):
+        prior = undescribed._posteriors[j].K_rho.diagonal()
+        own = output.error[:-1] * prior.mean() * scale[j, 0] ** 2
+        rows = np.square(found[:, j]).mean()
+        np.testing.assert_allclose(own, 4.0 * rows, rtol=1e-6)
+        assert output.error[-1] < 1e-4 * output.error[0] * variances[j] / rows
 
 
 def density(model, widening, descriptors):

@@ -8,8 +8,11 @@ from skmtgp.inference.left_out import inflation
 from skmtgp.inference.posterior import freedom_of_noise, residuals_of_noise
 from skmtgp.learning.identifying import Learned
 
-INFLATIONS, NOISES = WeakKeyDictionary(), WeakKeyDictionary()  # of posteriors
+INFLATIONS, NOISES, FLOORS = (WeakKeyDictionary() for _ in range(3))  # of posteriors
 AT_BOUND = 1e-3  # how near a logarithm must be
+# Deviation of the model's own error, relative to the targets: at least, and how many
+# times that of f at rows with noise (benchmarks/known_tasks.py)
+FLOOR, TIMES, ROWS_ASKED = 1e-4, 2.0, 300
 LEAST_SHARE = 0.01  # of the noise: with less of it covariances have too few digits
 
 
@@ -68,18 +71,64 @@ def usual_variances(descriptors):
     return np.where(counted, np.maximum(1.0 - h, 0.0), 1.0 + h)
 
 
-def errors_of(model, j, floors):
+def errors_of(model, j, floor, told):
     """Variances of the model's own error, relative to a task's prior variance.
 
-    Floors are relative to the targets: the prior's variance may be hundreds of times
-    theirs.
+    Parameters
+    ----------
+    model : MultiTaskGPRegressor
+        Fitted.
+    j : int
+        The output.
+    floor : "auto" or float
+        Deviation relative to the targets: the prior's variance may be hundreds of times
+        theirs.
+    told : bool
+        Whether the errors of another task are told otherwise.
+
+    Returns
+    -------
+    errors : ndarray of shape (n_tasks + 1,)
+        Of each task, and of another one.
     """
-    posterior = model._posteriors[j]
-    targets = model.y_train_.reshape(-1, len(model._posteriors))[:, j]
-    spread = targets.var() / np.square(model._units.scale[j, 0])
+    posterior, auto = model._posteriors[j], isinstance(floor, str)
+    floors = np.full(len(model.tasks_) + 1, _floor_of(model, j) if auto else floor)
+    if auto:
+        floors[-1] = 0.0 if told else FLOOR
+    spread = _variance_of_targets(model, j)
     of_tasks = np.diagonal(posterior.K_rho).mean()
     of_prior = of_tasks * posterior.kernel.diag(model.X_train_).mean()
     return np.square(floors) * spread / of_prior
+
+
+def _variance_of_targets(model, j):
+    """In the model's units."""
+    targets = model.y_train_.reshape(-1, len(model._posteriors))[:, j]
+    return targets.var() / np.square(model._units.scale[j, 0])
+
+
+def _floor_of(model, j):
+    """Deviation of the model's own error where nobody says it, told once.
+
+    Rows with noise do not tell how wrong the model is, but it is seldom much better
+    than what they tell of f.
+    """
+    posterior = model._posteriors[j]
+    if posterior not in FLOORS:
+        n = len(model.X_train_)
+        some = np.arange(0, n, max(1, n // ROWS_ASKED))
+        rows = model.X_train_[some], model.tasks_train_[some]
+        told = posterior.variance(*rows).mean()
+        told = np.sqrt(told / _variance_of_targets(model, j))
+        noisy = not _at_bound(posterior).all()
+        FLOORS[posterior] = max(FLOOR, TIMES * told) if noisy else FLOOR
+    return FLOORS[posterior]
+
+
+def _at_bound(posterior):
+    """Which noise variances ended at their lower bounds."""
+    prior, of_noise = posterior.prior, posterior.prior.of_noise
+    return posterior.theta[of_noise] < prior.bounds()[0][of_noise] + AT_BOUND
 
 
 def noise_of(model, j, more, told):
@@ -111,8 +160,7 @@ def _share_of_noise(model, j):
     if is_fixed or not model._engine.exact:
         return 1.0
     if posterior not in NOISES:
-        prior, of_noise = posterior.prior, posterior.prior.of_noise
-        lowest = posterior.theta[of_noise] < prior.bounds()[0][of_noise] + AT_BOUND
+        lowest = _at_bound(posterior)
         shown = residuals_of_noise(likelihood, posterior)
         shown = shown / freedom_of_noise(likelihood, posterior)
         NOISES[posterior] = np.where(lowest, np.clip(shown, LEAST_SHARE, 1.0), 1.0)

@@ -18,7 +18,13 @@ from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import say
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.contenders import is_weighed, may_be_weighed, weighed
-from skmtgp.learning.lines import as_lines, may_be_lines, may_hide_lines, sketched
+from skmtgp.learning.lines import (
+    as_lines,
+    log_density_of_inputs,
+    may_be_lines,
+    may_hide_lines,
+    sketched,
+)
 from skmtgp.learning.nesting import nest
 from skmtgp.learning.problem import Problem
 from skmtgp.learning.screening import (
@@ -36,7 +42,6 @@ from skmtgp.learning.weighing import (
     best_of_forms,
     evidences,
     is_apart,
-    log_density_left_out,
     summed,
 )
 
@@ -258,7 +263,7 @@ def _loss_left_out(problems, modes, n_jobs):
     """
     if _is_wide(problems[0][0]):
         return -np.inf
-    values = summed(log_density_left_out, problems, modes, n_jobs)
+    values = summed(log_density_of_inputs, problems, modes, n_jobs)
     values -= [sum(_numbers_of_tasks(of.prior) for of in each) for each in problems]
     return (values[0] - values[1]) / len(problems[0])
 

@@ -5,12 +5,16 @@ from dataclasses import replace
 import numpy as np
 from sklearn.base import clone
 
+from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
+from skmtgp.inference.likelihood import log_density
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.contenders import worth
 from skmtgp.learning.screening import price
+from skmtgp.learning.weighing import log_density_left_out
 from skmtgp.model.task_covariance import low_rank
 
 MANY = 500  # rows, which tell noise from curves; fewer take little to be learned
+MOST_LEFT_OUT = 1500  # rows
 LENGTH, AMPLITUDE = "length_scale", "constant_value"  # parameters of kernels
 BY_CHANCE = 5.0  # standard deviations of a variance
 
@@ -127,6 +131,42 @@ def sketched(problem, mode, kernel):
     if few is not problem:
         curves = mode._replace(value=few.likelihood().value(mode.theta))
     return worth(lines, found) - worth(few, curves), found
+
+
+def log_density_of_inputs(problem, mode):
+    """Log density of the targets at each input given those at the others, summed.
+
+    Where tasks have rows at the same inputs these are left out together. A row alone
+    would be told by what is common to all tasks there, which curves follow and lines
+    take for noise, but which tells nothing of other inputs.
+
+    Parameters
+    ----------
+    problem, mode
+        See :func:`may_be_lines`.
+
+    Returns
+    -------
+    density : float
+        In the problem's units. Of many rows it is foreseen from some.
+    """
+    data = problem.data
+    inputs, at = np.unique(np.asarray(data.X), axis=0, return_inverse=True)
+    if len(inputs) == len(data) or problem.prior.trend is not None:
+        return log_density_left_out(problem, mode)
+    order = np.random.default_rng(0).permutation(len(inputs))
+    place = np.argsort(order)[at.ravel()]  # inputs in a random order
+    rows = np.argsort(place, kind="stable")[:MOST_LEFT_OUT]
+    _, _, y, _, K = problem.some(mode, rows)
+    cholesky = cholesky_with_jitter(lambda: np.asfortranarray(K))
+    alpha, inverse = cholesky.solve(y), cholesky.invert()
+    starts = np.flatnonzero(np.diff(place[rows], prepend=-1))
+    found = 0.0
+    for of in map(slice, starts, [*starts[1:], len(rows)]):
+        left_out = Cholesky(np.asfortranarray(inverse[of, of]))  # 1 / their covariance
+        half = left_out.half_solve(alpha[of])
+        found += log_density(half @ half, -left_out.log_det(), len(half))
+    return found * len(data) / len(rows)
 
 
 def _slopes_of(curves, kernel):

@@ -276,3 +276,24 @@ def test_an_input_of_two_values_does_not_bend(values, may_be):
         data=data, prior=prior, tuning=TUNING, log_likelihood=lambda mode: 0.0
     )
     assert may_be_lines(problem, SimpleNamespace(theta=None)) == may_be
+
+
+@pytest.mark.parametrize("seed", [3, *rarely(1, 2, 7)])
+def test_planes_behind_noise(seed):
+    """Curves follow it, by a form of K^rho that does not suit planes."""
+    rng = np.random.default_rng(seed)
+    slopes = [1.0, 0.3, 0.2, -0.1] + 0.4 * rng.standard_normal((12, 4))
+    x, z = rng.standard_normal((60, 4)), rng.standard_normal((200, 4))
+    noise = np.sqrt(np.square(slopes).sum(axis=1) / 0.3)[:, None]
+    f, g = slopes @ x.T, (slopes @ z.T).ravel()
+    y = (f + noise * rng.standard_normal(f.shape)).ravel()
+    X, Z = (
+        np.column_stack([np.tile(of, (12, 1)), np.repeat(np.arange(12), len(of))])
+        for of in (x, z)
+    )
+    model = MultiTaskGPRegressor().fit(X, y)
+    assert is_linear(model)
+    straight = MultiTaskGPRegressor("linear").fit(X, y)
+    value = straight.log_marginal_likelihood_value_
+    assert model.log_marginal_likelihood_value_ == pytest.approx(value, abs=0.05)
+    assert error(model.predict(Z), g) < 0.8 * error(least_squares(X, y, Z), g)

@@ -114,3 +114,31 @@ def test_deviation_within_tasks():
     assert deviation_within(y, tasks, 5) == pytest.approx(np.sqrt(square), rel=1e-8)
     assert deviation_within(y[3:6], tasks[3:6], 5) == 0.0
     assert deviation_within(np.arange(4.0), np.arange(4), 4) == 0.0
+
+
+def cells(seed, n_cells=20):
+    """Calcium signals of neurons by direction: noise grows with the gain of a cell."""
+    rng, angle = np.random.default_rng(seed), np.arange(0.0, 360.0, 30.0)
+    best, width = rng.uniform(0, 360, n_cells), rng.uniform(0.8, 3, n_cells)
+    height, base = rng.gamma(4, 4, n_cells), rng.gamma(2, 1.5, n_cells)
+    gain, zero = np.exp(rng.normal(0, 0.6, n_cells)), rng.normal(0, 10, n_cells)
+    bumps = np.exp(width * (np.cos(np.deg2rad(angle[:, None] - best)) - 1.0)).T
+    rates = base[:, None] + height[:, None] * bumps
+    trials = [
+        [2.0 * gain[i] * rng.poisson(rate, 4) + 4.0 * rng.normal(size=4) for rate in of]
+        for i, of in enumerate(rates)
+    ]
+    y = (zero[:, None] + np.mean(trials, axis=2)).ravel()
+    turn = np.tile(np.deg2rad(angle), n_cells)
+    X = np.column_stack([np.cos(turn), np.sin(turn), np.repeat(np.arange(n_cells), 12)])
+    return X, y, (zero[:, None] + 2.0 * gain[:, None] * rates).ravel()
+
+
+def test_noise_that_grows_with_functions_takes_units_of_each():
+    """By one amplitude the strongest cell was flat, and its tuning noise."""
+    X, y, f = cells(12)
+    strongest = X[:, -1] == np.argmax([np.ptp(f[X[:, -1] == i]) for i in range(20)])
+    model = MultiTaskGPRegressor().fit(X, y)
+    assert (model.normalize_y_, model.noise_) == ("per_task", "per_task")
+    error = np.sqrt(np.mean((model.predict(X) - f)[strongest] ** 2))
+    assert error < 0.2 * f[strongest].std()

@@ -78,9 +78,9 @@ def revise(model, training, problems, modes, learn):
     learned = all(mode.converged for of in modes for mode in of)
     if not (learned and problems[0][0].engine.exact):
         return training, problems, modes
-    training, problems, modes = _with_kernel(model, training, problems, modes)
-    training, problems, modes = _with_lines(model, training, problems, modes, learn)
-    return _with_noise(model, training, problems, modes, learn)
+    curves = _with_kernel(model, training, problems, modes)
+    curves = _with_noise(model, *curves, learn)
+    return _with_lines(model, *curves, learn)
 
 
 def _with_kernel(model, training, problems, modes):
@@ -123,7 +123,8 @@ def _with_lines(model, training, problems, modes, learn):
         change = partial(as_lines, kernel=as_named(model, training, LINEAR))
         found = _of_forms(change, problems, modes, n_jobs)
     else:
-        found = list(learn(lines))
+        found = learn(lines)
+    lines, *found = _with_noise(model, lines, *found, learn)
     k = best_of_forms(*found, n_jobs)
     gain = _gain((problems[best], modes[best]), [[of[k]] for of in found], n_jobs)
     pair = [problems[best], found[0][k]], [modes[best], found[1][k]]
@@ -198,7 +199,7 @@ def _with_noise(model, training, problems, modes, learn):
         return training, problems, modes
     best = _best(problems, modes)
     of_best = problems[best], modes[best]
-    if any(map(hides_noise, *of_best)):
+    if training.kernel != LINEAR and any(map(hides_noise, *of_best)):
         other, *found = _anew(model, training, learn)
         gain = _gain(of_best, found, model.n_jobs)
         gain += _worth_of_units(other, found[0]) - _worth_of_units(training, problems)

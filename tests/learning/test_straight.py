@@ -6,7 +6,7 @@ import building
 import numpy as np
 import pytest
 from drawn import mode_at
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, norm
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from sklearn.linear_model import LinearRegression
 
@@ -14,8 +14,8 @@ from skmtgp import IndependentGP, PooledGP
 from skmtgp.kernels import ARDLinear
 from skmtgp.learning import lines
 from skmtgp.learning.climbing import climb
-from skmtgp.learning.lines import as_lines, may_be_lines
-from skmtgp.model.task_covariance import identity
+from skmtgp.learning.lines import as_lines, log_density_of_inputs, may_be_lines
+from skmtgp.model.task_covariance import identity, low_rank
 
 M = 3
 PLAIN, SCALED = RBF([1.0, 1.0]), ConstantKernel() * RBF(1.0)
@@ -147,3 +147,22 @@ def test_lines_of_a_covariance_that_is_held(cls):
     y = 2.0 * x + task + 0.1 * rng.standard_normal(40)
     model = cls(diagonal=True).fit(np.column_stack([x, task]), y)
     assert "ARDLinear" in repr(model.kernel_)
+
+
+@pytest.mark.parametrize("gaps", [0, 7])
+def test_rows_of_one_input_are_left_out_together(gaps):
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((12, 2))
+    X, y = np.tile(x, (3, 1)), rng.standard_normal(36)
+    kept = np.sort(rng.permutation(36)[gaps:])
+    data = building.data(X[kept], np.repeat(np.arange(3), 12)[kept], y[kept], 3)
+    problem = building.problem(RBF([1.0, 1.0]), low_rank(3, 1), data)
+    mode = mode_at(problem, problem.theta())
+    X, _, y, _, K = problem.some(mode, np.arange(len(data)))
+    told = 0.0
+    for one in np.unique(X, axis=0):
+        out = (one == X).all(axis=1)
+        share = np.linalg.solve(K[np.ix_(~out, ~out)], K[np.ix_(~out, out)])
+        rest = K[np.ix_(out, out)] - K[np.ix_(out, ~out)] @ share
+        told += multivariate_normal.logpdf(y[out], share.T @ y[~out], rest)
+    assert log_density_of_inputs(problem, mode) == pytest.approx(told, rel=1e-8)

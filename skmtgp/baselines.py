@@ -185,7 +185,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
           uncertain. It takes ten to 300 times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
           hyperparameter, with sparse inference, too. With more rows it is "laplace",
-          or "mode" with sparse inference. With several kernels it is "mode".
+          or "mode" with sparse inference. With several kernels it is "mode". Rows whose
+          variance is half noise count half.
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.
@@ -505,7 +506,8 @@ class PooledGP(_FixedTaskCovarianceGP):
           uncertain. It takes ten to 300 times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
           hyperparameter, with sparse inference, too. With more rows it is "laplace",
-          or "mode" with sparse inference. With several kernels it is "mode".
+          or "mode" with sparse inference. With several kernels it is "mode". Rows whose
+          variance is half noise count half.
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.

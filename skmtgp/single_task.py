@@ -172,7 +172,8 @@ class SingleTaskGP(ConformalMixin, Estimator):
           uncertain. It takes ten to 300 times as long.
         - "auto" is "sampled" for a task with at most 500 rows and at most 16 rows for
           each hyperparameter, with sparse inference, too. With more rows it is
-          "laplace", or "mode" with sparse inference.
+          "laplace", or "mode" with sparse inference. Rows whose variance is half noise
+          count half.
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.

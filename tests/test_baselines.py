@@ -257,7 +257,7 @@ def test_draws_of_single_tasks():
 
 @BOTH
 def test_verbose_prints_the_course_of_learning(told, cls):
-    cls(verbose=1, noise="shared").fit(X, Y)  # else it may be learned anew
+    cls("rbf", verbose=1, noise="shared").fit(X, Y)  # else it may be learned anew
     lines = of_learning(told)
     assert [line.split(":")[0] for line in lines] == [
         "output 1 of 2",

@@ -5,6 +5,7 @@ import pytest
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, TaskIdentifier
+from skmtgp._estimators import carried
 from skmtgp._estimators.carried import LEAST_SHARE, usual_variances
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.identification import _population
@@ -110,7 +111,9 @@ def test_far_from_the_known_tasks_little_is_certain(model):
     assert ratios[1] > 1.02 * ratios[0] > 1.02
 
 
-def test_the_floor_is_of_tasks_of_which_nothing_else_tells(model, undescribed):
+def test_the_floor_is_of_tasks_of_which_nothing_else_tells(
+    model, undescribed, monkeypatch
+):
     def errors(of, **options):
         output = TaskIdentifier(of, **options)._outputs(NEW[:, None], Y_NEW)[0][0]
         return output.error
@@ -118,6 +121,13 @@ def test_the_floor_is_of_tasks_of_which_nothing_else_tells(model, undescribed):
     given = errors(model, floor=1e-4)
     assert given.shape == (M + 1,)
     assert np.ptp(given) == 0.0 < given[0]
+    for of in (model, undescribed):  # known tasks, of what noisy rows leave open
+        noisy, least = errors(of, inflation=1.0), errors(of, floor=1e-4)
+        assert (noisy[:-1] > least[:-1]).all()
+        assert noisy[-1] == least[-1]
+    assert errors(model)[-1] == 0.0
+    monkeypatch.setattr(carried, "_at_bound", lambda _: np.array([True]))
+    monkeypatch.setattr(carried, "FLOORS", {})
     np.testing.assert_array_equal(errors(model, inflation=1.0), given)
     np.testing.assert_array_equal(errors(model), np.append(given[:-1], 0.0))
     without = errors(undescribed)

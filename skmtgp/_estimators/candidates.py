@@ -177,8 +177,9 @@ def ranks_to_draw(model, training, candidates, bic, best):
         return [best]
     near = [k for k in ranks if bic[k] <= bic[best] + 2.0 * OPEN]
     likely = sorted(near, key=lambda k: candidates[k].rank)
-    problem = candidates[likely[-1]].problems[0]
-    drawn = problem.engine.exact and model._way(training, problem) == "sampled"
+    highest = candidates[likely[-1]]
+    problem, mode = highest.problems[0], highest.modes[0]
+    drawn = problem.engine.exact and model._way(training, problem, mode) == "sampled"
     return likely if drawn else [best]
 
 

@@ -387,7 +387,8 @@ class FittedGP(SampledMixin, SummaryMixin, ConformalMixin, Estimator):
         """
         if self.verbose and is_large(problems[0]):
             say(f"computing the posterior of {len(problems[0].data)} rows")
-        modes, way = self._settled(problems, modes), self._way(training, problems[0])
+        modes = self._settled(problems, modes)
+        way = self._way(training, problems[0], modes[0])
         if way == "laplace":
             if self.verbose:
                 say("looking how much the rows leave open of the hyperparameters")

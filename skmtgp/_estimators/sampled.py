@@ -15,6 +15,7 @@ from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.forms import lower_rank
 from skmtgp._estimators.predicting import JOINTLY, check_joint
+from skmtgp._estimators.units import deviation_within
 from skmtgp._numerics.linalg import correlation, draw_normal
 from skmtgp._numerics.mixtures import weights_left_out
 from skmtgp._numerics.parallel import limit_threads
@@ -46,6 +47,18 @@ def n_posteriors(estimator, n):
     if asked == "sampled" or (asked == "auto" and n <= MOST_ROWS):
         return 1 + estimator.n_draws
     return 2 if asked in ("laplace", "auto") else 1
+
+
+def _n_told(problem, mode):
+    """How many rows tell something: all, but for the share of their variance in noise.
+
+    Rows that are nine tenths noise tell functions as little as a tenth of them would.
+    """
+    data, noise = problem.data, problem.prior.values(mode.theta).noise
+    noise = np.broadcast_to(noise, data.n_tasks)[data.tasks].mean()
+    whole = deviation_within(data.y, data.tasks, data.n_tasks) ** 2
+    share = noise / whole if whole else 0.0  # there are not two rows a task
+    return len(data) * max(0.0, 1.0 - share)
 
 
 class SampledMixin:
@@ -203,13 +216,14 @@ class SampledMixin:
 
     # drawing
 
-    def _way(self, training, problem):
+    def _way(self, training, problem, mode):
         """Which hyperparameters predict: what was asked for, where that can be."""
         asked, prior = self.hyperparameters, problem.prior
         if asked == "auto":
             asked = "laplace" if problem.engine.exact else "mode"
-            most = min(MOST_ROWS, FEW_ROWS_EACH * prior.n_hyperparameters)
-            if len(training.Y) <= most and not is_dask(training.features):
+            few = len(training.Y) <= MOST_ROWS and not is_dask(training.features)
+            most = FEW_ROWS_EACH * prior.n_hyperparameters
+            if few and _n_told(problem, mode) <= most:
                 asked = "sampled"
             asked = asked if prior.n_terms == 1 else "mode"
         return asked if self.max_iter or asked == "map" else "mode"

@@ -90,3 +90,14 @@ def test_where_only_the_mode_is_known(params, monkeypatch):
     monkeypatch.setattr(sampled, "MOST_ROWS", len(y) - 1)
     options = {"rank": 1, **AUTO, **params}
     assert MultiTaskGPRegressor(**options).fit(X, y).hyperparameters_ == "mode"
+
+
+@pytest.mark.parametrize("noise", [0.3, 3.0])
+def test_rows_that_are_mostly_noise_are_sampled(noise):
+    """They tell as little as few rows do."""
+    rows, t = draw(rows=40)
+    t = t + noise * np.random.default_rng(0).standard_normal(len(t))
+    model = IndependentGP(**AUTO).fit(rows, t)
+    n_told = len(t) / model.n_hyperparameters_
+    assert n_told > 16.0
+    assert model.hyperparameters_ == ("sampled" if noise > 1.0 else "laplace")
